@@ -1,0 +1,1 @@
+"""What the sensor's numbers mean: counts to SI and back, and how it errs."""

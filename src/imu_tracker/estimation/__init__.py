@@ -1,0 +1,1 @@
+"""From events to estimates: pure algorithms, without clock, file, thread or log."""
