@@ -1,0 +1,220 @@
+"""What an MPU-6050 makes of the truth.
+
+`SensorErrors` says how large errors are, `ChipTraits` what one chip drew for life,
+and `ChipErrors` adds both, and what changes with time, to ideal readings. Rounding
+and clipping to the chip's counts is `CountsModel.encode`'s.
+
+Sizes are the datasheet's (PS-MPU-6000A rev. 3.4). Its tolerances are read as three
+standard deviations, so one chip in a few hundred is worse than they say; where real
+boards are known to be much better than the tolerance, the comment says so. Left out:
+nonlinearity (0.2 %) and the gyro's sensitivity to acceleration (0.1 deg/s per g).
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2
+from imu_tracker.estimation.rotation import from_euler, matrix
+from imu_tracker.samples import Quat, Vec3
+from imu_tracker.simulation.noise import GaussMarkov, Rumble
+from imu_tracker.simulation.paths import FloatArray
+
+_MG: Final = 1e-3 * STANDARD_GRAVITY_MPS2
+_DPS: Final = math.radians(1.0)
+
+ROAD_SPEED_MPS: Final = 14.0
+"""Speed at which the road shakes as much as `road_...` says."""
+
+
+class SensorErrors(NamedTuple):
+    """How large the errors of a chip and of its mounting are; body axes.
+
+    A `sigma` of a constant is the spread between chips; of anything else, its spread
+    in time. The defaults are a typical chip, not calibrated, in a typical box.
+    """
+
+    accel_bias_sigma_mps2: Vec3 = (17 * _MG, 17 * _MG, 27 * _MG)  # 6.2: 50, 50, 80 mg
+    gyro_bias_sigma_radps: float = 2 * _DPS  # 6.1: 20 deg/s; boards mostly 1 to 4
+    accel_scale_sigma: float = 0.01  # 6.2: 3 %
+    gyro_scale_sigma: float = 0.01  # 6.1: 3 %
+    cross_axis_sigma: float = 0.007  # 6.1 and 6.2: 2 %
+    accel_per_degc_sigma_mps2: Vec3 = (0.17 * _MG, 0.17 * _MG, 0.29 * _MG)
+    # 6.2: 35, 35, 60 mg over 70 K
+    gyro_per_degc_sigma_radps: float = 0.02 * _DPS  # 6.1: 20 deg/s over 65 K; boards
+    warm_up_degc: float = 6.0
+    warm_up_tau_s: float = 600.0
+
+    # One-sided densities: Allan deviation shows 1/sqrt(2) of it as random walk.
+    accel_noise_mps2_rthz: float = 0.4 * _MG  # 6.2: 400 ug/sqrt(Hz)
+    gyro_noise_radps_rthz: float = 0.005 * _DPS  # 6.1: 0.005 deg/s/sqrt(Hz)
+    accel_drift_sigma_mps2: float = 0.2 * _MG
+    gyro_drift_sigma_radps: float = 0.003 * _DPS
+    drift_tau_s: float = 300.0
+
+    mounting_sigma_rad: Vec3 = (1.0 * _DPS, 1.0 * _DPS, 1.5 * _DPS)  # roll pitch yaw
+    # With an engine only.
+    idle_accel_sigma_mps2: float = 0.03
+    idle_gyro_sigma_radps: float = 0.05 * _DPS
+    road_accel_sigma_mps2: Vec3 = (0.25, 0.25, 0.45)
+    road_gyro_sigma_radps: float = 0.7 * _DPS
+
+    clock_limit: float = 0.01  # 6.6: 1 % with the gyro's PLL
+    jitter_sigma_s: float = 2e-4  # of the host's time stamps
+    dropped_share: float = 0.0
+
+
+TYPICAL_CHIP: Final = SensorErrors()
+
+IDEAL_CHIP: Final = SensorErrors(
+    accel_bias_sigma_mps2=(0.0, 0.0, 0.0),
+    gyro_bias_sigma_radps=0.0,
+    accel_scale_sigma=0.0,
+    gyro_scale_sigma=0.0,
+    cross_axis_sigma=0.0,
+    accel_per_degc_sigma_mps2=(0.0, 0.0, 0.0),
+    gyro_per_degc_sigma_radps=0.0,
+    warm_up_degc=0.0,
+    accel_noise_mps2_rthz=0.0,
+    gyro_noise_radps_rthz=0.0,
+    accel_drift_sigma_mps2=0.0,
+    gyro_drift_sigma_radps=0.0,
+    mounting_sigma_rad=(0.0, 0.0, 0.0),
+    idle_accel_sigma_mps2=0.0,
+    idle_gyro_sigma_radps=0.0,
+    road_accel_sigma_mps2=(0.0, 0.0, 0.0),
+    road_gyro_sigma_radps=0.0,
+    clock_limit=0.0,
+    jitter_sigma_s=0.0,
+)
+"""No error at all but rounding and clipping: at rest it repeats itself exactly."""
+
+AMBIENT_DEGC: Final = 21.0
+
+
+class ChipTraits(NamedTuple):
+    """What one chip in one box is like for life; the truth of a calibration.
+
+    A reading is `gain @ C_bv @ truth + bias`; `q_vb` takes the box to the vehicle.
+    """
+
+    accel_bias_mps2: FloatArray
+    gyro_bias_radps: FloatArray
+    accel_gain: FloatArray  # shape (3, 3): scale and cross-axis
+    gyro_gain: FloatArray
+    accel_mps2_per_degc: FloatArray
+    gyro_radps_per_degc: FloatArray
+    q_vb: Quat
+    clock_error: float  # 0.01: samples come 1 % too early
+
+    @classmethod
+    def draw(cls, errors: SensorErrors, rng: np.random.Generator) -> "ChipTraits":
+        """Take a chip from the reel and glue it into a box."""
+
+        def gain(scale_sigma: float) -> FloatArray:
+            sigma = np.full((3, 3), errors.cross_axis_sigma)
+            np.fill_diagonal(sigma, scale_sigma)
+            return np.eye(3) + sigma * rng.standard_normal((3, 3))
+
+        def vector(sigma: Vec3 | float) -> FloatArray:
+            return np.asarray(sigma) * rng.standard_normal(3)
+
+        roll, pitch, yaw = vector(errors.mounting_sigma_rad).tolist()
+        return cls(
+            accel_bias_mps2=vector(errors.accel_bias_sigma_mps2),
+            gyro_bias_radps=vector(errors.gyro_bias_sigma_radps),
+            accel_gain=gain(errors.accel_scale_sigma),
+            gyro_gain=gain(errors.gyro_scale_sigma),
+            accel_mps2_per_degc=vector(errors.accel_per_degc_sigma_mps2),
+            gyro_radps_per_degc=vector(errors.gyro_per_degc_sigma_radps),
+            q_vb=from_euler(roll, pitch, yaw),
+            clock_error=float(rng.uniform(-1.0, 1.0)) * errors.clock_limit,
+        )
+
+
+class Readings(NamedTuple):
+    """What the chip measured, before rounding; body axes, shape (n, 3) and (n,)."""
+
+    accel_mps2: FloatArray
+    gyro_radps: FloatArray
+    temp_degc: FloatArray
+
+
+class ChipErrors:
+    """Adds the errors of one chip to ideal readings, stretch after stretch.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Sizes of what changes with time.
+    traits : ChipTraits
+        What does not.
+    rng : Generator
+        Source of all its noise.
+    rate_hz : float
+        Nominal sample rate.
+    has_engine : bool
+        Whether the box sits in something that shakes.
+    """
+
+    def __init__(
+        self,
+        errors: SensorErrors,
+        traits: ChipTraits,
+        rng: np.random.Generator,
+        rate_hz: float,
+        *,
+        has_engine: bool,
+    ) -> None:
+        self._errors, self._traits = errors, traits
+        C_bv = matrix(traits.q_vb).T
+        self._accel_gain_T = (traits.accel_gain @ C_bv).T
+        self._gyro_gain_T = (traits.gyro_gain @ C_bv).T
+        self._rng, drift_rng, rumble_rng = (rng, *rng.spawn(2))
+        accel_drift = (errors.accel_drift_sigma_mps2,) * 3
+        gyro_drift = (errors.gyro_drift_sigma_radps,) * 3
+        self._drift = GaussMarkov(
+            drift_rng, accel_drift + gyro_drift, errors.drift_tau_s
+        )
+        self._rumble = Rumble(rumble_rng, 6, rate_hz) if has_engine else None
+        bandwidth = math.sqrt(0.5 * rate_hz)
+        self._white_sigma = (
+            np.repeat([errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz], 3)
+            * bandwidth
+        )
+
+    def spoil(
+        self, t_s: FloatArray, speed_mps: FloatArray, f_v: FloatArray, w_v: FloatArray
+    ) -> Readings:
+        """Turn the truth in the vehicle's axes into readings in the box's.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (n,)
+            Instants, growing from call to call.
+        speed_mps : ndarray, shape (n,)
+            Speed over ground: the road shakes in proportion.
+        f_v, w_v : ndarray, shape (n, 3), m/s^2 and rad/s
+            Specific force and angular rate, vehicle axes.
+        """
+        errors, traits = self._errors, self._traits
+        warmth = errors.warm_up_degc * (1.0 - np.exp(-t_s / errors.warm_up_tau_s))
+        noise = self._drift.at(t_s)
+        noise += self._white_sigma * self._rng.standard_normal((len(t_s), 6))
+        if self._rumble:
+            size = np.hstack(self._shaking(speed_mps[:, None] / ROAD_SPEED_MPS))
+            noise += size * self._rumble.draw(len(t_s))
+        accel = f_v @ self._accel_gain_T + traits.accel_bias_mps2 + noise[:, :3]
+        gyro = w_v @ self._gyro_gain_T + traits.gyro_bias_radps + noise[:, 3:]
+        accel += np.outer(warmth, traits.accel_mps2_per_degc)
+        gyro += np.outer(warmth, traits.gyro_radps_per_degc)
+        return Readings(accel, gyro, AMBIENT_DEGC + warmth)
+
+    def _shaking(self, pace: FloatArray) -> tuple[FloatArray, FloatArray]:
+        errors = self._errors
+        accel = errors.idle_accel_sigma_mps2 + pace * errors.road_accel_sigma_mps2
+        gyro = errors.idle_gyro_sigma_radps + pace * np.full(
+            3, errors.road_gyro_sigma_radps
+        )
+        return accel, gyro

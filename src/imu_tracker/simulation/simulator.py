@@ -1,0 +1,182 @@
+"""A scenario as a stream of frames, and its truth.
+
+Frames, and the truth, are each made when they are asked for, from the seed alone:
+neither needs the other, and a drive of a month takes the memory of ten seconds. A
+shorter simulation is a prefix of a longer one.
+"""
+
+from collections.abc import Iterator
+from enum import IntEnum, auto
+from heapq import merge
+from itertools import takewhile
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.estimation.geodesy import gravity_mps2
+from imu_tracker.estimation.rotation import from_euler, multiply
+from imu_tracker.samples import (
+    DEFAULT_MOUNT,
+    Frame,
+    Mount,
+    Quat,
+    SessionHeader,
+    Source,
+    Vec3,
+)
+from imu_tracker.simulation.imu import Imu
+from imu_tracker.simulation.positions import TICKS_PER_S, Whereabouts, whereabouts
+from imu_tracker.simulation.receiver import (
+    TYPICAL_RECEIVER,
+    Receiver,
+    ReceiverErrors,
+)
+from imu_tracker.simulation.scenarios import SCENARIOS
+from imu_tracker.simulation.sensor_errors import (
+    TYPICAL_CHIP,
+    ChipTraits,
+    SensorErrors,
+)
+
+START_UTC_S: Final = 1795348800.0
+"""2026-11-22T12:00:00Z: every simulation begins at noon of this day."""
+
+START_NS: Final = 1_000_000_000
+"""The monotonic clock at `START_UTC_S`."""
+
+
+class TruthRow(NamedTuple):
+    """Where the body really was; `q_nb` is the box's attitude, mounting included."""
+
+    utc_s: float
+    lat_rad: float
+    lon_rad: float
+    alt_m: float  # above mean sea level
+    v_n_mps: Vec3
+    q_nb: Quat
+
+
+class Simulated(NamedTuple):
+    """A simulated session; `frames` and `truth` do not wait for each other."""
+
+    header: SessionHeader
+    frames: Iterator[Frame]  # in order of arrival
+    truth: Iterator[TruthRow]
+    chip: ChipTraits
+
+
+class _Stream(IntEnum):
+    """Who draws random numbers: each its own, so that none shifts another's."""
+
+    TRAJECTORY = auto()
+    CHIP = auto()
+    IMU = auto()
+    RECEIVER = auto()
+
+
+def simulate(
+    scenario: str,
+    *,
+    seed: int = 0,
+    duration_s: float | None = None,
+    rate_hz: float = 100.0,
+    accel_range_g: int = 4,
+    gyro_range_dps: int = 500,
+    mount: Mount = DEFAULT_MOUNT,
+    gps_every_s: float = 1.0,
+    errors: SensorErrors = TYPICAL_CHIP,
+    receiver: ReceiverErrors = TYPICAL_RECEIVER,
+    truth_hz: int = 4,
+) -> Simulated:
+    """Simulate what the wires would deliver, and what was true.
+
+    Parameters
+    ----------
+    scenario : str
+        One of `SCENARIOS`.
+    seed : int, not negative
+        Decides everything that is random.
+    duration_s : float, optional
+        The scenario's own when left out. Beyond that a drive goes on, and the others
+        stand still.
+    rate_hz : float
+        Nominal rate of the IMU; its clock is off by up to 1 %.
+    accel_range_g, gyro_range_dps, mount
+        As for `CountsModel`.
+    gps_every_s : float
+        Time between the receiver's epochs, a multiple of 0.05 s.
+    errors, receiver
+        How good the sensors are.
+    truth_hz : int
+        Rows of truth per second, a divisor of 20.
+    """
+    if scenario not in SCENARIOS:
+        raise ValueError(
+            f"scenario {scenario!r}: must be one of {', '.join(SCENARIOS)}"
+        )
+    if truth_hz < 1 or TICKS_PER_S % truth_hz:
+        raise ValueError(
+            f"{truth_hz} rows of truth a second: must divide {TICKS_PER_S}"
+        )
+    plan = SCENARIOS[scenario]
+    end_s = plan.duration_s if duration_s is None else duration_s
+
+    def rng(stream: _Stream) -> np.random.Generator:
+        return np.random.default_rng([seed, stream])
+
+    def ticks() -> Iterator[Whereabouts]:
+        return whereabouts(plan.trajectory(rng(_Stream.TRAJECTORY)), plan.start)
+
+    chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
+    imu = Imu(errors, chip, rng(_Stream.IMU), rate_hz, has_engine=plan.has_engine)
+    bursts = imu.bursts(
+        plan.trajectory(rng(_Stream.TRAJECTORY)),
+        gravity_mps2(plan.start.lat_rad, plan.start.alt_m),
+        CountsModel(accel_range_g, gyro_range_dps, mount),
+    )
+    gps = Receiver(receiver, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S)
+    end_ns = START_NS + round(end_s * 1e9)
+    return Simulated(
+        SessionHeader(
+            accel_range_g,
+            gyro_range_dps,
+            rate_hz,
+            mount,
+            plan.profile,
+            START_UTC_S,
+            name=scenario,
+        ),
+        takewhile(
+            lambda frame: frame.t_ns < end_ns,
+            merge(
+                (Frame(START_NS + t_ns, Source.IMU, data) for t_ns, data in bursts),
+                (
+                    Frame(START_NS + round(t_s * 1e9), Source.GPS, data)
+                    for t_s, data in gps.lines(ticks())
+                ),
+            ),
+        ),
+        _truth(ticks(), TICKS_PER_S // truth_hz, end_s, chip.q_vb),
+        chip,
+    )
+
+
+def _truth(
+    ticks: Iterator[Whereabouts], every: int, end_s: float, q_vb: Quat
+) -> Iterator[TruthRow]:
+    """Pick every so many ticks, up to and including the end."""
+    for motion, lat_rad, lon_rad, alt_m in ticks:
+        for t_s, (north, east, down), rpy_rad, lat, lon, alt in zip(
+            motion.t_s[::every].tolist(),
+            motion.v_n[::every].tolist(),
+            motion.rpy_rad[::every].tolist(),
+            lat_rad[::every].tolist(),
+            lon_rad[::every].tolist(),
+            alt_m[::every].tolist(),
+            strict=True,
+        ):
+            if t_s > end_s:
+                return
+            q_nb = multiply(from_euler(*rpy_rad), q_vb)
+            yield TruthRow(START_UTC_S + t_s, lat, lon, alt, (north, east, down), q_nb)
