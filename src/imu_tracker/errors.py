@@ -41,12 +41,28 @@ class DeviceNotFoundError(TrackerError):
     exit_code = 69
 
 
+class NotRunningError(TrackerError):
+    """There is no daemon to ask, or it hangs."""
+
+    exit_code = 69
+
+
 class NmeaError(TrackerError, ValueError):
-    """One line of the receiver is not a sentence; counted by the reader."""
+    """One line of the receiver is not a sentence; `trouble` is how it is counted."""
+
+    def __init__(self, trouble: str, line: bytes) -> None:
+        self.trouble = trouble
+        super().__init__(f"{trouble.replace('_', ' ')}: {line!r}")
 
 
 class RecordingError(TrackerError, ValueError):
     """A recording is malformed: path:line and what was expected."""
+
+    exit_code = 65
+
+
+class LogError(TrackerError, ValueError):
+    """A lat/long log is malformed: path:line and what was expected."""
 
     exit_code = 65
 

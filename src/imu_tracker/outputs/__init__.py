@@ -1,0 +1,1 @@
+"""Where the estimate goes: the lat/long log and the files beside it."""
