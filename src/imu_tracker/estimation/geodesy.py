@@ -3,7 +3,7 @@
 The one place where latitude and longitude become metres, and where height (up)
 becomes down. The local frame scales the differences of latitude and longitude by
 the radii of curvature at its origin, so that north, east and level stay true
-everywhere in it; whoever travels moves the origin along (`LocalFrame.RADIUS_M`).
+everywhere in it; whoever travels moves the origin along (`FRAME_RADIUS_M`).
 """
 
 import math
@@ -11,6 +11,9 @@ from typing import Final, NamedTuple
 
 SEMI_MAJOR_M: Final = 6378137.0
 ECCENTRICITY_SQ: Final = 6.69437999014e-3  # NIMA TR8350.2, table 3.3
+
+FRAME_RADIUS_M: Final = 1000.0
+"""How far from its origin a local frame is used; lengths there are true to 1e-3."""
 
 _COS_FLOOR: Final = 1e-6
 """Within metres of a pole longitude means nothing; keep the arithmetic finite."""
@@ -55,15 +58,13 @@ def wrap_lon(lon_rad: float) -> float:
 class LocalFrame(NamedTuple):
     """Metres north and east of an origin.
 
-    There and back is exact; as a map it is true to 1e-4 within `RADIUS_M`.
+    There and back is exact.
     """
 
     lat_rad: float
     lon_rad: float
     north_m_per_rad: float
     east_m_per_rad: float
-
-    RADIUS_M = 1000.0
 
     @classmethod
     def at(cls, lat_rad: float, lon_rad: float, alt_m: float = 0.0) -> "LocalFrame":

@@ -1,0 +1,459 @@
+"""The six-state filter: position and velocity, with the attitude from beside.
+
+Each step is rotated by the attitude filter, gravity is added, and the sum drives a
+Kalman filter of six states; each fix corrects it. It cannot learn its accelerometer
+bias or how the box sits in the vehicle: these stay in the process noise and, where
+no noise can carry them, are considered in the radius without being estimated.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from numpy.typing import NDArray
+
+from imu_tracker.estimation import constraints
+from imu_tracker.estimation.aiding import AttitudeAiding
+from imu_tracker.estimation.attitude import AttitudeFilter
+from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.gate import NIS_LIMIT, FixOutcome, Gate
+from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
+from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.estimation.rotation import rotate
+from imu_tracker.estimation.standstill import Rest
+from imu_tracker.samples import GpsFix, Vec3
+
+ACCEL_NOISE_PSD: Final = 0.1**2
+"""White acceleration noise, (m/s^2)^2/Hz: vibration, scale and timing errors."""
+
+ACCEL_BIAS_SIGMA_MPS2: Final = 0.1
+"""What remains of the accelerometer's bias in a level axis, beside the tilt that the
+attitude filter knows of: 10 mg."""
+
+UNKNOWN_ACCEL_PSD: Final = 1.5**2
+"""While the yaw or the whole IMU is unknown: a vehicle's own acceleration,
+1.5 m/s^2 for a second."""
+
+CORRELATED_SHARE: Final = 0.8
+"""Part of a fix's variance that lasts a minute (ionosphere, orbits, multipath): no
+averaging removes it, so it is added to the radius."""
+
+PARKED_CORRELATION_S: Final = 60.0
+"""How long: fixes of a parked receiver count once in so much time."""
+
+VELOCITY_SIGMA_MPS: Final = 0.15
+"""Error of a Doppler velocity, per axis."""
+
+LATENCY_SIGMA_S: Final = 0.1
+"""How far the configured latency may be off."""
+
+ALTITUDE_FACTOR: Final = 2.0
+"""Vertical against horizontal error of a receiver: its satellites are all above."""
+
+CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
+"""In the dark the speed's uncertainty stops growing here."""
+
+_LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
+_CONSTRAINT_PERIOD_S: Final = 0.2
+_CONSTRAINT_VOTES: Final = 5.0  # per second: errors of a constraint last about one
+
+
+class SixState:
+    """Position and velocity in NED by a linear Kalman filter.
+
+    Parameters
+    ----------
+    profile : {"free", "vehicle", "walker"}
+        A vehicle does not move sideways; what else moves may.
+    lever_arm_m : Vec3, body axes
+        From the chip to the antenna. The filter follows the chip, and speaks of the
+        antenna.
+
+    Notes
+    -----
+    x = (p_n, v_n) of the chip; u the mean acceleration of a step;
+    A = [[I, dt I], [0, I]], B = [[dt^2/2 I], [dt I]],
+    u = C_nb (dv_b / dt - b_a) + g_n, P = A P A' + Q.
+    """
+
+    def __init__(self, profile: str, lever_arm_m: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        self._profile = profile
+        self._lever_arm_m = lever_arm_m if any(lever_arm_m) else None
+        self._cruise_var = CRUISE_SPEED_MPS[profile] ** 2
+        self._attitude = AttitudeFilter()
+        self._aiding = AttitudeAiding(self._attitude, profile)
+        self._gate = Gate(profile)
+        self._kf = KalmanFilter(dim_x=6, dim_z=2, dim_u=3)
+        self._F, self._B, self._Q = np.eye(6), np.zeros((6, 3)), np.zeros((6, 6))
+        # Of the whole run, not of an instant: never taken back.
+        self._fix_ns: int | None = None
+        self._fix_period_s = 1.0
+        self._sigma_h_m = 0.0
+        self._nis_level = 1.0
+        self._nis_sum, self._n_nis = 0.0, 0
+        self._doubt_m = 0.0
+        # Of an instant: what a snapshot holds.
+        self._is_started = False
+        self._frame = LocalFrame.at(0.0, 0.0)
+        self._gravity_mps2 = gravity_mps2(math.radians(45.0))
+        self._alt_origin_m: float | None = None
+        self._kf.x = np.zeros(6)  # one-dimensional: filterpy would broadcast (6, 1)
+        self._kf.P = np.eye(6)
+        self._a_n: Vec3 = (0.0, 0.0, 0.0)
+        self._rate_b_radps: Vec3 = (0.0, 0.0, 0.0)
+        self._dark_s = 0.0
+        self._drift_m = (0.0, 0.0)
+        self._constraint_due_s = 0.0
+        self._is_resting = False
+
+    # ------------------------------------------------------------- the estimate
+
+    def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
+        """Begin at a place known to `sigma_m` per axis, at any speed."""
+        self._frame = LocalFrame.at(lat_rad, lon_rad)
+        self._gravity_mps2 = gravity_mps2(lat_rad)
+        self._alt_origin_m = None
+        self._kf.x = np.zeros(6)
+        any_speed = 0.25 * self._cruise_var
+        self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
+        self._sigma_h_m = sigma_m
+        self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
+        self._nis_level = 1.0
+        self._is_started = True
+
+    def estimate(self) -> Estimate:
+        """What is believed at the end of the last step."""
+        north, east, down, vn, ve, vd = self._kf.x.tolist()
+        q_nb = self._attitude.q_nb
+        if self._lever_arm_m is not None:
+            (ln, le, ld), (un, ue, ud) = self._lever_n()
+            north, east, down = north + ln, east + le, down + ld
+            vn, ve, vd = vn + un, ve + ue, vd + ud
+        lat, lon = self._frame.to_lat_lon(north, east)
+        alt = None if self._alt_origin_m is None else self._alt_origin_m - down
+        r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._doubt_m)
+        return Estimate(lat, lon, alt, (vn, ve, vd), q_nb, min(r95, _LARGEST_RADIUS_M))
+
+    def _position_cov_m2(self, vn: float, ve: float) -> NDArray[np.float64]:
+        """Covariance of the horizontal position, with what is only considered.
+
+        Beside P: the lasting part of the receiver's error, the way travelled under a
+        yaw that is off (`_drift_m`), and the way travelled within the error of the
+        latency.
+        """
+        lasting = CORRELATED_SHARE * self._sigma_h_m**2 * self._nis_level
+        late = LATENCY_SIGMA_S**2
+        dn, de = self._drift_m
+        cross = dn * de + late * vn * ve
+        considered = [
+            [lasting + dn * dn + late * vn * vn, cross],
+            [cross, lasting + de * de + late * ve * ve],
+        ]
+        cov: NDArray[np.float64] = self._kf.P[:2, :2] + considered
+        return cov
+
+    def _lever_n(self) -> tuple[Vec3, Vec3]:
+        """Lever arm in navigation axes, and how fast its end moves: rate x lever."""
+        if self._lever_arm_m is None or not self._attitude.is_yaw_usable:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        (lx, ly, lz), (wx, wy, wz) = self._lever_arm_m, self._rate_b_radps
+        q_nb = self._attitude.q_nb
+        swing_b = (wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx)
+        return rotate(q_nb, self._lever_arm_m), rotate(q_nb, swing_b)
+
+    def speed(self) -> tuple[float, float]:
+        """Horizontal speed in m/s and its standard deviation."""
+        vn, ve = self._kf.x[3:5].tolist()
+        P = self._kf.P
+        return math.hypot(vn, ve), math.sqrt(max(P[3, 3], P[4, 4]))
+
+    def gyro_bias(self) -> tuple[Vec3, float]:
+        """Gyro bias in rad/s, body axes, and its standard deviation per axis."""
+        return self._attitude.gyro_bias_radps, self._attitude.gyro_bias_sigma_radps
+
+    def snapshot(self) -> object:
+        """All that changes with time; arrays are replaced, never changed in place."""
+        return (
+            self._attitude.snapshot(),
+            self._aiding.snapshot(),
+            self._kf.x,
+            self._kf.P,
+            self._is_started,
+            self._frame,
+            self._gravity_mps2,
+            self._alt_origin_m,
+            self._a_n,
+            self._rate_b_radps,
+            self._dark_s,
+            self._drift_m,
+            self._constraint_due_s,
+            self._is_resting,
+        )
+
+    def restore(self, saved: object) -> None:
+        """Return to a snapshot."""
+        assert isinstance(saved, tuple)
+        attitude, aiding = saved[:2]
+        self._attitude.restore(attitude)
+        self._aiding.restore(aiding)
+        (
+            self._kf.x,
+            self._kf.P,
+            self._is_started,
+            self._frame,
+            self._gravity_mps2,
+            self._alt_origin_m,
+            self._a_n,
+            self._rate_b_radps,
+            self._dark_s,
+            self._drift_m,
+            self._constraint_due_s,
+            self._is_resting,
+        ) = saved[2:]
+
+    def report(self) -> dict[str, object]:
+        """What was learnt, for people."""
+        bias, sigma = self.gyro_bias()
+        return {
+            "estimator": "six-state",
+            "profile": self._profile,
+            "gyro_bias_dps": [math.degrees(b) for b in bias],
+            "gyro_bias_sigma_dps": math.degrees(sigma),
+            "tilt_sigma_deg": math.degrees(self._attitude.tilt_sigma_rad),
+            "yaw_sigma_deg": math.degrees(self._attitude.yaw_sigma_rad),
+            "fix_period_s": self._fix_period_s,
+            "nis_mean": self._nis_sum / self._n_nis if self._n_nis else None,
+        }
+
+    # ------------------------------------------------------------ with each step
+
+    def propagate(self, step: ImuStep, rest: Rest | None) -> None:
+        """Move on by a step; `rest` when the body stands still."""
+        dt = step.dt_s
+        attitude = self._attitude
+        self._is_resting = rest is not None
+        if step.is_gap:
+            attitude.lose(dt)
+            self._a_n, can_rotate = (0.0, 0.0, 0.0), False
+        else:
+            # The increment is in body axes at the start of the step: rotate first.
+            (dvx, dvy, dvz), (bx, by, bz) = step.dv_b_mps, self._aiding.accel_bias_mps2
+            dv_b = (dvx - bx * dt, dvy - by * dt, dvz - bz * dt)
+            dvn, dve, dvd = rotate(attitude.q_nb, dv_b)
+            tx, ty, tz = step.dtheta_b_rad
+            self._rate_b_radps = (tx / dt, ty / dt, tz / dt)
+            attitude.propagate(step)
+            can_rotate = attitude.is_level
+            self._a_n = (dvn / dt, dve / dt, dvd / dt + self._gravity_mps2)
+        self._aiding.propagate(step, self._a_n)
+        if not self._is_started:
+            if rest is not None:
+                self._aiding.rest(rest, self._gravity_mps2)
+            return
+        self._predict(dt, can_rotate)
+        self._constraint_due_s -= dt
+        if self._constraint_due_s <= 0.0:
+            self._constraint_due_s = _CONSTRAINT_PERIOD_S
+            self._constrain(step, rest)
+
+    def _predict(self, dt: float, can_rotate: bool) -> None:
+        """Kalman prediction with the acceleration as input."""
+        attitude, P = self._attitude, self._kf.P
+        self._dark_s += dt
+        _, _, _, vn, ve, _ = self._kf.x.tolist()
+        sigma_yaw = attitude.yaw_sigma_rad
+        psd_down = UNKNOWN_ACCEL_PSD
+        if can_rotate and attitude.is_yaw_usable:
+            an, ae, ad = self._a_n
+            # An error that lasts, s for a time T, has the variances s^2 T^2 of the
+            # velocity and s^2 T^4 / 4 of the position. White noise of 3 s^2 T grows
+            # to the same position.
+            lasting = (
+                ACCEL_BIAS_SIGMA_MPS2**2
+                + (self._gravity_mps2 * attitude.tilt_sigma_rad) ** 2
+                + (an * an + ae * ae) * sigma_yaw**2
+            )
+            psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * self._dark_s)
+            psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
+            dn, de = self._drift_m
+            self._drift_m = (dn - sigma_yaw * ve * dt, de + sigma_yaw * vn * dt)
+        else:
+            an = ae = ad = 0.0
+            psd = UNKNOWN_ACCEL_PSD
+        if P[3, 3] + P[4, 4] > self._cruise_var:
+            psd = 0.0
+        F, B, Q = self._F, self._B, self._Q
+        # The diagonals of the 3x3 blocks, as strides of the flat matrices.
+        F.flat[3:18:7] = dt
+        B.flat[0:9:4] = 0.5 * dt * dt
+        B.flat[9:18:4] = dt
+        Q.flat[0:15:7] = psd * dt**3 / 3.0
+        Q.flat[3:18:7] = Q.flat[18:33:7] = psd * dt * dt / 2.0
+        Q.flat[21:36:7] = psd * dt
+        Q[5, 5] = psd_down * dt
+        self._kf.predict(np.array((an, ae, ad)), B, F, Q)
+
+    def _constrain(self, step: ImuStep, rest: Rest | None) -> None:
+        """Apply what the body cannot do."""
+        attitude = self._attitude
+        v_n: Vec3 = tuple(self._kf.x[3:].tolist())
+        if rest is not None:
+            self._aiding.rest(rest, self._gravity_mps2)
+            self._update_velocity(constraints.rest(v_n))
+        elif step.is_gap or not attitude.is_yaw_usable:
+            return
+        elif self._profile == "vehicle":
+            self._update_velocity(
+                constraints.no_side_slip(
+                    v_n,
+                    self._kf.P[3:, 3:],
+                    attitude.yaw_rad,
+                    attitude.yaw_sigma_rad,
+                    self._aiding.rate_down_radps,
+                )
+            )
+        if self._dark_s > 3.0:
+            self._aiding.in_the_dark(v_n, self._gravity_mps2)
+            self._move_frame()
+
+    def _update_velocity(self, measured: constraints.VelocityMeasurement) -> None:
+        kf = self._kf
+        H = np.zeros((len(measured.z), 6))
+        H[:, 3:] = measured.H
+        votes = _CONSTRAINT_VOTES
+        kf.update(measured.z + H @ kf.x, R=measured.R * votes, H=H)
+
+    # ------------------------------------------------------------- with each fix
+
+    def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
+        """Correct by a fix that describes the instant `ahead_s` after the last step."""
+        speed = math.hypot(*fix.vel_ne_mps) if fix.vel_ne_mps else self.speed()[0]
+        if self._gate.is_frozen(fix, speed):
+            return FixOutcome.FROZEN
+        self._learn_period(fix)
+        z, z_v = self._measured_ne(fix, ahead_s)
+        # The way travelled under a wrong yaw becomes part of P before it is weighed.
+        drift = np.zeros(6)
+        drift[:2], self._drift_m = self._drift_m, (0.0, 0.0)
+        self._kf.P = self._kf.P + np.outer(drift, drift)
+
+        variance = fix.sigma_h_m**2 * self._nis_level
+        innovation = z - self._kf.x[:2]
+        S = self._kf.P[:2, :2] + np.eye(2) * variance
+        nis = float(innovation @ np.linalg.solve(S, innovation))
+        if not self._gate.passes(nis):
+            miss_m = math.hypot(*innovation.tolist())
+            if self._gate.reject(fix):
+                self._restart(fix)
+                return FixOutcome.REACQUIRED
+            if self._gate.n_agreeing > 1:
+                # Two say the same: the truth may be there as well as here.
+                self._doubt_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
+            return FixOutcome.OUTLIER
+        self._doubt_m = 0.0
+        self._learn_noise(fix, nis)
+        votes = max(1.0, 1.0 / self._fix_period_s)
+        parked = 2.0 * PARKED_CORRELATION_S / self._fix_period_s
+        weight = parked if self._is_resting else votes
+        self._update_states(z, slice(0, 2), variance * weight)
+        self._update_altitude(fix, variance * weight)
+        sigma_v = math.hypot(
+            VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
+        )
+        if z_v is not None and not self._is_resting:
+            self._update_velocity_ne(z_v, sigma_v**2 * votes)
+        self._aid(fix, sigma_v)
+        self._dark_s = 0.0
+        self._move_frame()
+        return FixOutcome.ACCEPTED
+
+    def _measured_ne(
+        self, fix: GpsFix, ahead_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Position and velocity of the chip at the last step, by the fix."""
+        vn, ve = self._kf.x[3:5].tolist()
+        (ln, le, _), (un, ue, _) = self._lever_n()
+        north, east = self._frame.to_ne(fix.lat_rad, fix.lon_rad)
+        z = np.array((north - ln - vn * ahead_s, east - le - ve * ahead_s))
+        if fix.vel_ne_mps is None:
+            return z, None
+        zn, ze = fix.vel_ne_mps
+        return z, np.array((zn - un, ze - ue))
+
+    def _update_states(
+        self, z: NDArray[np.float64], states: slice, variance: float
+    ) -> None:
+        """Measure some states directly."""
+        self._kf.update(z, R=np.eye(len(z)) * variance, H=np.eye(6)[states])
+
+    def _update_velocity_ne(self, z: NDArray[np.float64], variance: float) -> None:
+        innovation = z - self._kf.x[3:5]
+        S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
+        if float(innovation @ np.linalg.solve(S, innovation)) <= NIS_LIMIT:
+            self._update_states(z, slice(3, 5), variance)
+
+    def _update_altitude(self, fix: GpsFix, variance: float) -> None:
+        if fix.alt_m is None:
+            # Nothing else holds the vertical channel.
+            self._update_states(np.zeros(1), slice(5, 6), 1.0)
+            return
+        if self._alt_origin_m is None:
+            self._alt_origin_m = fix.alt_m
+            self._kf.x = self._kf.x * [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
+        z = np.array([self._alt_origin_m - fix.alt_m])
+        self._update_states(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
+
+    def _aid(self, fix: GpsFix, sigma_v: float) -> None:
+        """Let the fix correct the attitude."""
+        if fix.vel_ne_mps is not None:
+            self._aiding.velocity(fix.vel_ne_mps, sigma_v, self._gravity_mps2)
+            if not self._is_resting:
+                self._aiding.course(fix.vel_ne_mps, sigma_v, LATENCY_SIGMA_S)
+        elif not self._is_resting:
+            vn, ve = self._kf.x[3:5].tolist()
+            _, sigma = self.speed()
+            self._aiding.course((vn, ve), sigma, LATENCY_SIGMA_S)
+
+    def _learn_period(self, fix: GpsFix) -> None:
+        if self._fix_ns is not None:
+            period = (fix.t_ns - self._fix_ns) * 1e-9
+            if 0.0 < period < 10.0:
+                self._fix_period_s += 0.1 * (period - self._fix_period_s)
+        self._fix_ns = fix.t_ns
+
+    def _learn_noise(self, fix: GpsFix, nis: float) -> None:
+        """Follow the receiver's own word on its noise, and how true it was.
+
+        The mean of NIS over its two degrees of freedom is 1 for a receiver that
+        knows itself, less for correlated errors, and more under trees: then the
+        noise is multiplied by it.
+        """
+        if self._n_nis == 0:
+            self._sigma_h_m = fix.sigma_h_m
+        self._n_nis += 1
+        self._nis_sum += nis
+        forget = 0.1 * min(1.0, self._fix_period_s)
+        ratio = 0.5 * nis * self._nis_level
+        self._nis_level = max(1.0, self._nis_level + forget * (ratio - self._nis_level))
+        self._sigma_h_m += forget * (fix.sigma_h_m - self._sigma_h_m)
+
+    def _restart(self, fix: GpsFix) -> None:
+        """Begin anew from the receiver; the attitude stays."""
+        alt_origin_m, x = self._alt_origin_m, self._kf.x.tolist()
+        self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
+        self._doubt_m = 0.0
+        if fix.vel_ne_mps is not None:
+            self._kf.x = np.array([0.0, 0.0, x[2], *fix.vel_ne_mps, 0.0])
+            variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3
+            self._kf.P = np.diag(variances)
+        self._alt_origin_m = alt_origin_m
+
+    def _move_frame(self) -> None:
+        """Take the origin along when the way from it grows."""
+        north, east, *_ = self._kf.x.tolist()
+        if math.hypot(north, east) > FRAME_RADIUS_M:
+            lat, lon = self._frame.to_lat_lon(north, east)
+            self._frame = LocalFrame.at(lat, lon)
+            self._gravity_mps2 = gravity_mps2(lat)
+            self._kf.x = self._kf.x * [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]

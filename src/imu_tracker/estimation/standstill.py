@@ -1,0 +1,196 @@
+"""Standing still, by the IMU's own word.
+
+The most useful measurement there is without GPS, and the most dangerous: a creeping
+car that is believed to stand writes its turn into the gyro bias. So rest is claimed
+only when the vibration of a second lies below a level learnt from this very vehicle,
+the rate agrees with the bias, the force with gravity, and nothing that is known of
+the speed speaks against it.
+"""
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.samples import Vec3
+
+WINDOW_NS: Final = 1_000_000_000
+"""Long enough to see an idling engine, short enough for a stop at a junction."""
+
+CONFIRM_S: Final = 0.5
+"""Rest must last so long beyond its first full window: a turning point is no stop."""
+
+START_GYRO_STD_RADPS: Final = math.radians(0.6)
+START_ACCEL_STD_MPS2: Final = 0.15
+"""Vibration below which an unknown vehicle stands. The chip's own noise at 42 Hz is
+0.05 deg/s and 0.03 m/s^2 (PS-MPU-6000A sections 6.1, 6.2); consumer chips at
+100 Hz show up to three times that; smooth asphalt shakes more."""
+
+FLOOR_FACTOR: Final = 0.5
+CEILING_FACTOR: Final = 2.5
+"""How far learning may move a threshold from its start value."""
+
+MAX_BIAS_DEVIATION_RADPS: Final = math.radians(1.0)
+"""A slow turn is no rest: a roundabout at walking pace turns 5 deg/s."""
+
+GRAVITY_MPS2: Final = 9.81
+MAX_GRAVITY_DEVIATION_MPS2: Final = 0.8
+"""|f| at rest: accelerometer bias and scale (datasheet: 50 mg and 3 %), and gravity
+itself, 9.78 to 9.83."""
+
+MOVING_MPS: Final = 0.7
+"""Speed of a receiver above which it contradicts rest; parked ones show up to this."""
+
+
+class Rest(NamedTuple):
+    """What the sensors read while at rest, means over the window in body axes."""
+
+    gyro_radps: Vec3
+    accel_mps2: Vec3
+    duration_s: float
+
+
+class StandstillDetector:
+    """Decides from steps whether the body rests; learns its thresholds.
+
+    Notes
+    -----
+    Levels of vibration are kept for rest and for motion, each told by the receiver's
+    speed; the threshold lies at their geometric mean, within a factor of the start
+    value. One sum is kept per quantity, so that a step costs the same at any window.
+    """
+
+    def __init__(self) -> None:
+        self._steps: deque[ImuStep] = deque()
+        self._sums: tuple[float, ...] = (0.0,) * 9  # n, gyro, accel, their squares
+        self._rest_since_ns: int | None = None
+        self._speed_mps: float | None = None
+        self._speed_ns = 0
+        self._vetoed_until_ns = 0
+        self._log_levels: dict[bool, tuple[float, float]] = {}
+        self._gyro_std = self._accel_std = math.inf
+        self.gyro_threshold_radps = START_GYRO_STD_RADPS
+        self.accel_threshold_mps2 = START_ACCEL_STD_MPS2
+
+    def observe_speed(self, t_ns: int, speed_mps: float) -> None:
+        """Hear the receiver's speed; learn the level of vibration that goes with it."""
+        self._speed_mps, self._speed_ns = speed_mps, t_ns
+        if not math.isfinite(self._gyro_std):
+            return
+        is_moving = speed_mps > 4.0 * MOVING_MPS
+        if not is_moving and speed_mps > 0.3:
+            return  # neither surely at rest nor surely moving
+        now = (
+            math.log(max(self._gyro_std, 1e-6)),
+            math.log(max(self._accel_std, 1e-6)),
+        )
+        old = self._log_levels.get(is_moving, now)
+        self._log_levels[is_moving] = (
+            old[0] + 0.05 * (now[0] - old[0]),
+            old[1] + 0.05 * (now[1] - old[1]),
+        )
+        if len(self._log_levels) == 2:
+            means = [
+                math.exp(0.5 * (a + b))
+                for a, b in zip(*self._log_levels.values(), strict=True)
+            ]
+            self.gyro_threshold_radps = _limit(means[0], START_GYRO_STD_RADPS)
+            self.accel_threshold_mps2 = _limit(means[1], START_ACCEL_STD_MPS2)
+
+    def veto(self, until_ns: int) -> None:
+        """Refuse rest until then: something else says that the body moves."""
+        self._vetoed_until_ns = until_ns
+        self._rest_since_ns = None
+
+    def add(
+        self,
+        step: ImuStep,
+        gyro_bias_radps: Vec3,
+        gyro_bias_sigma_radps: float,
+        speed_mps: float,
+        speed_sigma_mps: float,
+    ) -> Rest | None:
+        """Take one step; return the rest that it confirms, or None.
+
+        Parameters
+        ----------
+        step : ImuStep
+        gyro_bias_radps, gyro_bias_sigma_radps : Vec3, float
+            What the attitude filter believes of the bias.
+        speed_mps, speed_sigma_mps : float
+            What the filter believes of the horizontal speed.
+        """
+        if step.is_gap:
+            self._steps.clear()
+            self._sums = (0.0,) * 9
+            self._rest_since_ns = None
+            return None
+        self._slide(step)
+        if self._steps[-1].t_ns - self._steps[0].t_ns < 0.8 * WINDOW_NS:
+            self._rest_since_ns = None
+            return None
+        n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = self._sums
+        gyro, self._gyro_std = _mean_and_std(n, (gx, gy, gz), gyro_sq)
+        accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
+        deviation = math.dist(gyro, gyro_bias_radps)
+        is_quiet = (
+            self._gyro_std < self.gyro_threshold_radps
+            and self._accel_std < self.accel_threshold_mps2
+            and deviation < MAX_BIAS_DEVIATION_RADPS + 3.0 * gyro_bias_sigma_radps
+            and abs(math.hypot(*accel) - GRAVITY_MPS2) < MAX_GRAVITY_DEVIATION_MPS2
+        )
+        if not is_quiet or self._is_contradicted(step.t_ns, speed_mps, speed_sigma_mps):
+            self._rest_since_ns = None
+            return None
+        if self._rest_since_ns is None:
+            self._rest_since_ns = step.t_ns
+        duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
+        return Rest(gyro, accel, duration_s) if duration_s >= CONFIRM_S else None
+
+    def _slide(self, step: ImuStep) -> None:
+        """Move the window on by a step."""
+        steps = self._steps
+        steps.append(step)
+        sums = _added(self._sums, step, 1.0)
+        while step.t_ns - steps[0].t_ns > WINDOW_NS:
+            sums = _added(sums, steps.popleft(), -1.0)
+        self._sums = sums
+
+    def _is_contradicted(
+        self, t_ns: int, speed_mps: float, speed_sigma_mps: float
+    ) -> bool:
+        if t_ns < self._vetoed_until_ns:
+            return True
+        if self._speed_mps is not None and t_ns - self._speed_ns < 3e9:
+            return self._speed_mps > MOVING_MPS
+        # Without a receiver a smooth motorway or a train is told from a stop only by
+        # the speed that the filter still remembers.
+        return speed_mps > 1.0 + 3.0 * speed_sigma_mps
+
+
+def _limit(value: float, start: float) -> float:
+    return min(max(value, FLOOR_FACTOR * start), CEILING_FACTOR * start)
+
+
+def _added(sums: tuple[float, ...], step: ImuStep, sign: float) -> tuple[float, ...]:
+    n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = sums
+    sgx, sgy, sgz = step.gyro_sum_radps
+    sax, say, saz = step.accel_sum_mps2
+    return (
+        n + sign * step.n_samples,
+        gx + sign * sgx,
+        gy + sign * sgy,
+        gz + sign * sgz,
+        ax + sign * sax,
+        ay + sign * say,
+        az + sign * saz,
+        gyro_sq + sign * step.gyro_sq_sum,
+        accel_sq + sign * step.accel_sq_sum,
+    )
+
+
+def _mean_and_std(n: float, total: Vec3, sq_sum: float) -> tuple[Vec3, float]:
+    """Mean vector, and the standard deviation of all three axes together."""
+    x, y, z = total[0] / n, total[1] / n, total[2] / n
+    variance = sq_sum / n - (x * x + y * y + z * z)
+    return (x, y, z), math.sqrt(max(variance, 0.0))

@@ -1,0 +1,298 @@
+"""Owns time: the order of events, the history for late ones, the grid of rows.
+
+Events come in the order of arrival; estimates are made in the order of the instants
+that the events describe. A fix that arrives describes an instant in the past: the
+estimator goes back to the snapshot of that instant, takes the fix, and repeats the
+steps since. Rows lie on the grid of UTC and never use what arrived after them.
+"""
+
+import math
+from collections import Counter, deque
+from typing import Final, NamedTuple
+
+from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimator
+from imu_tracker.estimation.gate import FixOutcome
+from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
+from imu_tracker.estimation.six_state import SixState
+from imu_tracker.estimation.standstill import Rest, StandstillDetector
+from imu_tracker.estimation.utc import UtcClock
+from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
+
+HISTORY_NS: Final = 3_000_000_000
+"""How late a fix may come: receivers that smooth their course take up to 2 s."""
+
+IMU_SILENT_NS: Final = 300_000_000
+"""Rows wait for the IMU no longer than this: then it is unavailable."""
+
+COAST_NS: Final = 100_000_000
+"""Length of a step through time in which the IMU says nothing."""
+
+GPS_MODE_NS: Final = 2_000_000_000
+GPS_MODE_PERIODS: Final = 1.5
+"""A row is `gps` when a fix was used within the longer of these."""
+
+REST_VETO_NS: Final = 5_000_000_000
+"""A fix that does not fit the rest speaks against it for so long."""
+
+START_FACTOR: Final = 10.0
+"""At its start the filter knows its place ten times worse than the first fix says:
+that fix is then taken like any other."""
+
+USED_OUTCOMES: Final = (FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
+
+_NO_ROWS: Final[list[NavState]] = []
+
+_SAID_OF_MODE: Final = {
+    Mode.GPSONLY: "IMU unavailable: GPS alone",
+    Mode.DR: "GPS lost: dead reckoning",
+    Mode.GPS: "GPS in use",
+}
+"""Transitions that people want to read of; a stop at a light is none."""
+
+
+class TrackerSettings(NamedTuple):
+    """What the configuration says to the estimation."""
+
+    estimator: str = "six-state"
+    profile: str = "free"
+    latency_s: float = 0.2
+    lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
+    rate_hz: int = 4
+    mount: Mount | None = None  # None: the header's
+    gps_date: str = ""
+    start: tuple[float, float] | None = None  # latitude, longitude in radians
+    start_radius_m: float = 50.0
+
+
+class _Past(NamedTuple):
+    """One step of the history, and the estimator after it."""
+
+    t_ns: int
+    step: ImuStep
+    rest: Rest | None
+    saved: object
+
+
+class Tracker:
+    """Turns events into rows.
+
+    Parameters
+    ----------
+    settings : TrackerSettings
+    """
+
+    def __init__(self, settings: TrackerSettings) -> None:
+        self._settings = settings
+        self._estimator: Estimator = SixState(settings.profile, settings.lever_arm_m)
+        self._fixes: Counter[str] = Counter()
+        self._preintegrator = Preintegrator()
+        self._standstill = StandstillDetector()
+        self._latency_ns = round(settings.latency_s * 1e9)
+        self._utc = UtcClock(self._latency_ns)
+        self._period_ns = 1_000_000_000 // settings.rate_hz
+        self._past: deque[_Past] = deque()
+        self._now_ns = 0
+        self._step_ns: int | None = None  # end of the last step
+        self._is_started = self._is_guess = False
+        self._row_utc_ns: int | None = None  # of the next row
+        self._fix_ns: int | None = None
+        self._fix_period_ns = 1_000_000_000
+        self._used_ns: int | None = None
+        self._said_mode: Mode | None = None
+        self._notices: list[str] = []
+
+    # ---------------------------------------------------------------- the events
+
+    def on_imu(self, sample: ImuSample) -> list[NavState]:
+        """Take a sample; return the rows that became due."""
+        if sample[0] > self._now_ns:
+            self._now_ns = sample[0]
+        step = self._preintegrator.add(sample)
+        return _NO_ROWS if step is None else self._on_step(step)
+
+    def advance(self, t_ns: int) -> list[NavState]:
+        """Let stream time pass; return the rows that became due.
+
+        Called before what arrived at `t_ns` is told, and at any time when nothing
+        arrives: rows are the same however often it is called.
+        """
+        self._now_ns = max(self._now_ns, t_ns)
+        rows: list[NavState] = []
+        while (
+            self._step_ns is not None
+            and self._now_ns - self._step_ns >= IMU_SILENT_NS + COAST_NS
+        ):
+            t_ns = self._step_ns + COAST_NS
+            self._preintegrator.skip_to(t_ns)
+            rows += self._on_step(gap_step(t_ns, COAST_NS * 1e-9))
+        return rows + self._due_rows()
+
+    def on_time(self, time: UtcTime) -> None:
+        """Learn UTC from a receiver that does not know the place yet."""
+        self._utc.observe(time.t_ns, time.utc_s)
+        if self._settings.start is not None and not self._is_started:
+            lat_rad, lon_rad = self._settings.start
+            self._estimator.start(
+                lat_rad, lon_rad, self._settings.start_radius_m / R95_PER_SIGMA
+            )
+            self._begin(time.t_ns)
+            self._is_guess = True
+            self._notices.append("started at the configured place, without a fix")
+
+    def on_fix(self, fix: GpsFix) -> FixOutcome:
+        """Take a fix at the instant that it describes."""
+        self._learn_period(fix)
+        instant_ns = fix.t_ns - self._latency_ns
+        if fix.utc_s is not None:
+            self._utc.observe(fix.t_ns, fix.utc_s)
+            told_ns = self._utc.instant_ns(fix.utc_s)
+            instant_ns = instant_ns if told_ns is None else min(told_ns, fix.t_ns)
+        outcome = self._take(fix, instant_ns)
+        self._fixes[outcome] += 1
+        if fix.vel_ne_mps is not None:
+            self._standstill.observe_speed(fix.t_ns, math.hypot(*fix.vel_ne_mps))
+        if outcome is FixOutcome.OUTLIER and self._past and self._past[-1].rest:
+            self._standstill.veto(self._now_ns + REST_VETO_NS)
+        if outcome in USED_OUTCOMES:
+            self._used_ns = self._now_ns
+        if outcome is FixOutcome.REACQUIRED:
+            self._notices.append("position lost; started again from the receiver")
+        return outcome
+
+    def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
+        """Go back to the fix's instant, apply it, and repeat the steps since."""
+        estimator, past = self._estimator, self._past
+        is_first = not self._is_started or self._is_guess
+        if is_first:
+            self._begin(instant_ns)
+        if past and instant_ns < past[0].t_ns - COAST_NS and not is_first:
+            return FixOutcome.TOO_LATE
+        index = len(past) - 1
+        while index > 0 and 2 * instant_ns < past[index].t_ns + past[index - 1].t_ns:
+            index -= 1
+        ahead_s = 0.0
+        if past:
+            estimator.restore(past[index].saved)
+            ahead_s = (instant_ns - past[index].t_ns) * 1e-9
+        if is_first:
+            sigma_m = START_FACTOR * fix.sigma_h_m
+            estimator.start(fix.lat_rad, fix.lon_rad, sigma_m)
+            ahead_s = max(ahead_s, -COAST_NS * 1e-9)
+        outcome = estimator.update(fix, ahead_s)
+        if outcome not in USED_OUTCOMES:
+            if past:
+                estimator.restore(past[-1].saved)
+            return outcome
+        for i in range(index, len(past)):
+            t_ns, step, rest, _ = past[i]
+            if i > index:
+                estimator.propagate(step, rest)
+            past[i] = _Past(t_ns, step, rest, estimator.snapshot())
+        return FixOutcome.INITIALISED if is_first else outcome
+
+    def _begin(self, t_ns: int) -> None:
+        """Rows can be made from now on, with an IMU or without."""
+        if not self._is_started:
+            self._notices.append("tracking begins")
+        self._is_started, self._is_guess = True, False
+        if self._step_ns is None:
+            self._step_ns = t_ns
+
+    def _learn_period(self, fix: GpsFix) -> None:
+        if self._fix_ns is not None and fix.t_ns > self._fix_ns:
+            self._fix_period_ns = fix.t_ns - self._fix_ns
+        self._fix_ns = fix.t_ns
+
+    # ------------------------------------------------------------- steps and rows
+
+    def _on_step(self, step: ImuStep) -> list[NavState]:
+        estimator, past = self._estimator, self._past
+        bias, bias_sigma = estimator.gyro_bias()
+        rest = self._standstill.add(step, bias, bias_sigma, *estimator.speed())
+        estimator.propagate(step, rest)
+        self._preintegrator.gyro_bias_radps = bias
+        self._step_ns = step.t_ns
+        past.append(_Past(step.t_ns, step, rest, estimator.snapshot()))
+        while step.t_ns - past[0].t_ns > HISTORY_NS:
+            past.popleft()
+        return self._due_rows()
+
+    def _due_rows(self) -> list[NavState]:
+        utc = self._utc
+        if not self._is_started or self._step_ns is None:
+            return _NO_ROWS
+        if self._row_utc_ns is None:
+            utc.advance(self._now_ns)
+            if not utc.is_set:
+                return _NO_ROWS
+            now_utc_ns = utc.row_utc_ns(self._now_ns)
+            self._row_utc_ns = -(-now_utc_ns // self._period_ns) * self._period_ns
+        known_ns = max(self._step_ns, self._now_ns - IMU_SILENT_NS)
+        rows: list[NavState] = []
+        while (row_ns := utc.row_instant_ns(self._row_utc_ns)) <= known_ns:
+            rows.append(self._row(row_ns, self._row_utc_ns))
+            self._row_utc_ns += self._period_ns
+            utc.slew(self._period_ns)
+        return rows
+
+    def _row(self, row_ns: int, row_utc_ns: int) -> NavState:
+        """State at an instant near the end of the last step."""
+        assert self._step_ns is not None
+        believed = self._estimator.estimate()
+        dt = (row_ns - self._step_ns) * 1e-9
+        vn, ve, vd = believed.v_n_mps
+        here = LocalFrame.at(believed.lat_rad, believed.lon_rad)
+        lat_rad, lon_rad = here.to_lat_lon(vn * dt, ve * dt)
+        alt_m = None if believed.alt_m is None else believed.alt_m - vd * dt
+        mode = self._mode_at(row_ns)
+        return NavState(
+            row_ns,
+            row_utc_ns * 1e-9,
+            lat_rad,
+            lon_rad,
+            alt_m,
+            believed.v_n_mps,
+            believed.q_nb,
+            believed.r95_m,
+            mode,
+        )
+
+    def _mode_at(self, row_ns: int) -> Mode:
+        window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * self._fix_period_ns))
+        if not self._past or self._past[-1].step.is_gap:
+            mode = Mode.GPSONLY
+        elif self._past[-1].rest is not None:
+            mode = Mode.STILL
+        elif self._used_ns is not None and row_ns - self._used_ns <= window_ns:
+            mode = Mode.GPS
+        else:
+            mode = Mode.DR
+        if mode is not self._said_mode and mode in _SAID_OF_MODE:
+            self._notices.append(_SAID_OF_MODE[mode])
+            self._said_mode = mode
+        return mode
+
+    # ------------------------------------------------------------------- for people
+
+    @property
+    def counters(self) -> Counter[str]:
+        """Fixes by what became of them, samples by what was wrong with them."""
+        fixes = Counter({f"fixes_{k}": n for k, n in self._fixes.items()})
+        return fixes + self._preintegrator.counters
+
+    def take_notices(self) -> list[str]:
+        """Transitions since the last call, for the log."""
+        notices, self._notices = self._notices, []
+        return notices
+
+    def report(self) -> dict[str, object]:
+        """What was learnt."""
+        return {
+            **self._estimator.report(),
+            "still_gyro_threshold_dps": math.degrees(
+                self._standstill.gyro_threshold_radps
+            ),
+            "still_accel_threshold_mps2": self._standstill.accel_threshold_mps2,
+            "utc_jumps": self._utc.jumps,
+        }

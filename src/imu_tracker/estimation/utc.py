@@ -1,0 +1,122 @@
+"""UTC against the host's monotonic clock, learnt from the receiver.
+
+An epoch says what time it was, and arrives later by a latency that jitters, or by
+many seconds when a buffer was full of old ones. The true relation of the two clocks
+hardly changes; so the median over many epochs tells it, and it tells in turn which
+instant a single epoch describes. Rows are put on the grid of UTC by a copy of the
+relation that only slews.
+"""
+
+from collections import deque
+from statistics import median_low
+from typing import Final
+
+WINDOW_EPOCHS: Final = 40
+"""Epochs whose median is the relation: half a minute at 1 Hz evens out the jitter."""
+
+STALE_NS: Final = 2_000_000_000
+"""Beyond the spread of any receiver's latency; an epoch later than this against the
+freshest one waited in a buffer."""
+
+JUMP_EPOCHS: Final = 3
+JUMP_NS: Final = 2_000_000_000
+"""A receiver that says another time so often, for so long, has changed its mind
+(leap seconds arrive with the almanac, up to 12 minutes after a cold start)."""
+
+SETTLE_NS: Final = 300_000_000
+"""Before the first row: a burst of old epochs in a full buffer has passed by then."""
+
+SLEW: Final = 0.1
+"""Rows move by this part of their period at most, until they agree."""
+
+
+class UtcClock:
+    """`utc = t + offset`, all integers in nanoseconds.
+
+    Parameters
+    ----------
+    latency_ns : int
+        Time from the instant an epoch describes to its first byte, typically.
+    """
+
+    def __init__(self, latency_ns: int) -> None:
+        self._latency_ns = latency_ns
+        self._offsets: deque[int] = deque(maxlen=WINDOW_EPOCHS)
+        self._candidates: list[tuple[int, int]] = []
+        self._offset_ns: int | None = None
+        self._shown_ns: int | None = None
+        self._first_ns: int | None = None
+        self.jumps = 0
+
+    @property
+    def is_set(self) -> bool:
+        """Whether UTC is known well enough to write rows."""
+        return self._shown_ns is not None
+
+    def observe(self, arrival_ns: int, utc_s: float) -> None:
+        """Take the time of one epoch and when its first byte came."""
+        offset = round(utc_s * 1e9) - (arrival_ns - self._latency_ns)
+        if self._first_ns is None:
+            self._first_ns = arrival_ns
+        if self._offset_ns is None or self._shown_ns is None:
+            # Nothing was written yet: the freshest epoch is right at once.
+            if self._offsets and offset > max(self._offsets) + STALE_NS:
+                self._offsets.clear()
+            self._take(offset)
+        elif abs(offset - self._offset_ns) < STALE_NS:
+            self._candidates.clear()
+            self._take(offset)
+        else:
+            self._consider(arrival_ns, offset)
+
+    def advance(self, t_ns: int) -> None:
+        """Let time pass; after `SETTLE_NS` rows can begin."""
+        if (
+            self._shown_ns is None
+            and self._first_ns is not None
+            and t_ns >= self._first_ns + SETTLE_NS
+        ):
+            self._shown_ns = self._offset_ns
+
+    def instant_ns(self, utc_s: float) -> int | None:
+        """Monotonic instant that an epoch of this UTC describes; None: not known."""
+        if self._offset_ns is None:
+            return None
+        return round(utc_s * 1e9) - self._offset_ns
+
+    def row_instant_ns(self, utc_ns: int) -> int:
+        """Monotonic instant of a row of the log."""
+        assert self._shown_ns is not None
+        return utc_ns - self._shown_ns
+
+    def row_utc_ns(self, t_ns: int) -> int:
+        """UTC of an instant as the rows count it."""
+        assert self._shown_ns is not None
+        return t_ns + self._shown_ns
+
+    def slew(self, period_ns: int) -> None:
+        """Move the rows' relation towards the truth; called once a row."""
+        assert self._shown_ns is not None
+        assert self._offset_ns is not None
+        most = int(period_ns * SLEW)
+        self._shown_ns += min(max(self._offset_ns - self._shown_ns, -most), most)
+
+    def _take(self, offset: int) -> None:
+        self._offsets.append(offset)
+        freshest = max(self._offsets)
+        self._offset_ns = median_low(
+            o for o in self._offsets if o > freshest - STALE_NS
+        )
+
+    def _consider(self, arrival_ns: int, offset: int) -> None:
+        """Hear of another time; believe it when it is said again and again."""
+        if self._candidates and abs(offset - self._candidates[-1][1]) > STALE_NS // 2:
+            self._candidates.clear()
+        self._candidates.append((arrival_ns, offset))
+        lasted_ns = arrival_ns - self._candidates[0][0]
+        if len(self._candidates) >= JUMP_EPOCHS and lasted_ns >= JUMP_NS:
+            self.jumps += 1
+            self._offsets.clear()
+            for _, candidate in self._candidates:
+                self._take(candidate)
+            self._candidates.clear()

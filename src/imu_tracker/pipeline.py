@@ -1,0 +1,115 @@
+"""From frames to rows: decode, join, estimate. Pure, and the same for all producers.
+
+Live hardware, a recording and the simulator each yield a `SessionHeader` and then
+frames in the order of arrival; `track` turns any of them into the rows of the log.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from typing import Final
+
+from imu_tracker import RELEASE_DATE
+from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.samples import (
+    DEFAULT_MOUNT,
+    Frame,
+    GpsFix,
+    NavState,
+    SessionHeader,
+    Source,
+    UtcTime,
+)
+from imu_tracker.sensors.nmea import EpochReader
+
+_EPOCH_OPEN_NS: Final = 1_000_000_000
+"""An epoch that is still open closes within this of the receiver's last line."""
+
+
+class Pipeline:
+    """One session: frames in, rows out.
+
+    Parameters
+    ----------
+    header : SessionHeader
+        Ranges, mounting and date of the frames.
+    settings : TrackerSettings
+        What is set there goes before the header.
+    live : bool
+        Frames come from hardware now: a receiver's date before the release of this
+        program is then a rolled-over one.
+    """
+
+    def __init__(
+        self, header: SessionHeader, settings: TrackerSettings, *, live: bool = False
+    ) -> None:
+        mount = settings.mount or header.mount or DEFAULT_MOUNT
+        self._decode = CountsModel(
+            header.accel_range_g, header.gyro_range_dps, mount
+        ).decode
+        release = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
+        self._epochs = EpochReader(
+            reference_utc_s=header.start_utc_s,
+            date=settings.gps_date,
+            earliest_utc_s=release.timestamp() if live else None,
+        )
+        self._tracker = Tracker(settings)
+        self._gps_until_ns = 0
+
+    def feed(self, frame: Frame) -> list[NavState]:
+        """Take the next frame; return the rows that became due."""
+        t_ns, source, data = frame
+        if source is Source.IMU:
+            rows = self._tracker.on_imu(self._decode(t_ns, data))
+            if t_ns < self._gps_until_ns:
+                self._tell(self._epochs.advance(t_ns))
+            return rows
+        rows = self.advance(t_ns)
+        if source is Source.GPS:
+            self._gps_until_ns = t_ns + _EPOCH_OPEN_NS
+            self._tell(self._epochs.feed(t_ns, data))
+        return rows
+
+    def advance(self, t_ns: int) -> list[NavState]:
+        """Let time pass without a frame."""
+        rows = self._tracker.advance(t_ns)
+        self._tell(self._epochs.advance(t_ns))
+        return rows
+
+    def _tell(self, positions: list[GpsFix | UtcTime]) -> None:
+        for position in positions:
+            if isinstance(position, GpsFix):
+                self._tracker.on_fix(position)
+            else:
+                self._tracker.on_time(position)
+
+    @property
+    def counters(self) -> Counter[str]:
+        """All that was counted: sentences, fixes, samples."""
+        return self._epochs.counters + self._tracker.counters
+
+    def take_notices(self) -> list[str]:
+        """Transitions since the last call, for the log."""
+        return self._epochs.take_notices() + self._tracker.take_notices()
+
+    def report(self) -> dict[str, object]:
+        """What was learnt, for `replay --json` and `status`."""
+        return {**self._tracker.report(), "counters": dict(self.counters)}
+
+
+def track(
+    stream: Iterable[SessionHeader | Frame],
+    settings: TrackerSettings,
+    *,
+    live: bool = False,
+) -> Iterator[NavState]:
+    """Turn a stream into rows; each header in it begins a session."""
+    pipeline: Pipeline | None = None
+    for item in stream:
+        if isinstance(item, SessionHeader):
+            pipeline = Pipeline(item, settings, live=live)
+        elif pipeline is None:
+            raise ValueError("a stream begins with its header")
+        else:
+            yield from pipeline.feed(item)
