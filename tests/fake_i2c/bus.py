@@ -59,6 +59,7 @@ class FakeBus:
         self.transfers = self.open_handles = self.generation = 0
         self._nacks: dict[int, int] = {}
         self._flips: dict[int, Flip] = {}
+        self._lost: set[int] = set()
         self._outages: list[Outage] = []
         self._is_plugged = True
 
@@ -75,6 +76,10 @@ class FakeBus:
     def flip(self, byte: int, bit: int, *, after: int = 0) -> None:
         """Turn round one bit that a transfer reads."""
         self._flips[self.transfers + after] = Flip(byte, bit)
+
+    def lose(self, *, after: int = 0) -> None:
+        """Acknowledge a write that the chip then does not do."""
+        self._lost.add(self.transfers + after)
 
     def fail_between(
         self,
@@ -114,8 +119,10 @@ class FakeBus:
         return list(self._read(address, register, length))
 
     def write_byte_data(self, address: int, register: int, value: int, /) -> None:
+        is_lost = self.transfers in self._lost
         chip, _ = self._begin(address, register, 1)
-        chip.write(register, value)
+        if not is_lost:
+            chip.write(register, value)
         self._spend(3)
 
     def i2c_rdwr(self, *messages: i2c_msg) -> None:

@@ -352,6 +352,12 @@ def test_a_flipped_bit_arrives_wrong_once(desk: Desk) -> None:
     assert desk.read(0x75) == 0x68
 
 
+def test_a_lost_write_is_acknowledged(desk: Desk) -> None:
+    desk.bus.lose()
+    desk.write(0x19, 9)
+    assert desk.read(0x19) == 0
+
+
 def test_a_hung_bus_takes_its_time_and_fails(desk: Desk) -> None:
     start_ns = desk.clock.now_ns()
     desk.bus.fail_between(start_ns, start_ns + 1, errno.ETIMEDOUT, hang_s=1)
