@@ -1,0 +1,89 @@
+"""Which day a time of day belongs to, and the weeks that old receivers lose.
+
+GPS counts weeks modulo 1024, so a receiver that outlived its firmware reports dates
+19.6 years back. What a newcomer gets wrong: around midnight a time without a date is
+not of the day of the last date seen.
+"""
+
+from datetime import date
+from math import ceil
+from typing import Final
+
+DAY_S: Final = 86_400.0
+ROLLOVER_WEEKS: Final = 1024
+ROLLOVER_S: Final = ROLLOVER_WEEKS * 7 * DAY_S
+
+
+class Calendar:
+    """Turns times of day into UTC.
+
+    Parameters
+    ----------
+    reference_utc_s : float, optional
+        UTC when the stream begins (the `start_utc` of a recording). Times without a
+        date begin here, and a sent date that is whole rollovers off is corrected.
+    day : str
+        YYYY-MM-DD of the first time of day, for receivers that send no date; used
+        without a reference.
+    earliest_utc_s : float, optional
+        Without a reference no sent date can be earlier than this: rollovers are
+        added until it is not.
+
+    Notes
+    -----
+    A time without a date goes next to where the clock must be by now: the last date
+    and time that were known, plus the stream time since. So neither midnight nor an
+    outage of days needs care. Dates that come without a fix (from a battery-backed
+    clock, or the date of manufacture) count until the first that comes with one.
+    """
+
+    def __init__(
+        self,
+        *,
+        reference_utc_s: float | None = None,
+        day: str = "",
+        earliest_utc_s: float | None = None,
+    ) -> None:
+        self._reference_utc_s, self._earliest_utc_s = reference_utc_s, earliest_utc_s
+        self._first_midnight_s = _midnight_s(day) if day else None
+        self._known: tuple[int, float] | None = None  # t_ns, utc_s
+        self._is_sure = False
+        self.rollovers = 0  # that the last date lacked
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the day is known."""
+        return self._known is not None
+
+    def begin(self, t_ns: int) -> None:
+        """Note that the stream is at `t_ns`; the first call counts."""
+        if self._known is None and self._reference_utc_s is not None:
+            self._known = t_ns, self._reference_utc_s
+
+    def learn(self, t_ns: int, sent_utc_s: float, *, is_sure: bool) -> None:
+        """Take a date and time as sent; they are sure when there was a fix."""
+        if is_sure or not self._is_sure:
+            self.rollovers = self._missing_rollovers(sent_utc_s)
+            self._known = t_ns, sent_utc_s + self.rollovers * ROLLOVER_S
+            self._is_sure = is_sure
+
+    def utc_s(self, t_ns: int, tod_s: float) -> float | None:
+        """Return the UTC of a time of day that arrived at `t_ns`, if known."""
+        if self._known is None:
+            if self._first_midnight_s is None:
+                return None
+            self._known = t_ns, self._first_midnight_s + tod_s
+        known_t_ns, known_utc_s = self._known
+        expected_utc_s = known_utc_s + (t_ns - known_t_ns) / 1e9
+        return round((expected_utc_s - tod_s) / DAY_S) * DAY_S + tod_s
+
+    def _missing_rollovers(self, sent_utc_s: float) -> int:
+        if self._reference_utc_s is not None:
+            return round((self._reference_utc_s - sent_utc_s) / ROLLOVER_S)
+        if self._earliest_utc_s is not None:
+            return max(0, ceil((self._earliest_utc_s - sent_utc_s) / ROLLOVER_S))
+        return 0
+
+
+def _midnight_s(day: str) -> float:
+    return (date.fromisoformat(day) - date(1970, 1, 1)).days * DAY_S
