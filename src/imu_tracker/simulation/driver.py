@@ -70,6 +70,8 @@ class Driver:
         speed_mps = float(rng.choice(_CRUISE_MPS))
         yield change_speed(self._speed_mps, speed_mps, rng.uniform(1.4, 2.2))
         yield cruise(rng.uniform(50.0, 250.0), speed_mps)
+        speed_mps *= rng.uniform(0.8, 1.0)
+        yield change_speed(self._speed_mps, speed_mps, 0.8)
         if rng.random() < 0.5:
             angle_rad = rng.choice((-1.0, 1.0)) * math.radians(rng.uniform(10.0, 30.0))
             radius_m = speed_mps**2 / _BEND_LATERAL_MPS2

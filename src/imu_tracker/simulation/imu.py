@@ -9,6 +9,7 @@ import numpy as np
 from imu_tracker.calibration.counts import CountsModel
 from imu_tracker.simulation.ideal_imu import angular_rate, specific_force
 from imu_tracker.simulation.motion import Trajectory
+from imu_tracker.simulation.paths import FloatArray
 from imu_tracker.simulation.sensor_errors import ChipErrors, ChipTraits, SensorErrors
 
 _CHUNK: Final = 1024  # samples made at once: fast, and small
@@ -55,7 +56,8 @@ class Imu:
         """Yield nanoseconds since the start and 14 bytes, without end."""
         encode = counts.encode
         for chunk in count():
-            t_s = (chunk * _CHUNK + np.arange(_CHUNK)) * self._interval_s
+            samples: FloatArray = np.arange(_CHUNK, dtype=float) + chunk * _CHUNK
+            t_s = samples * self._interval_s
             motion = trajectory.at(t_s)
             readings = self._chip.spoil(
                 t_s,

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from imu_tracker.simulation.paths import FloatArray
 
@@ -25,16 +26,16 @@ class GaussMarkov:
     def __init__(
         self,
         rng: np.random.Generator,
-        sigma: tuple[float, ...],
+        sigma: ArrayLike,
         tau_s: float,
         knot_s: float = 1.0,
     ) -> None:
         self._rng = rng
-        self._sigma = np.asarray(sigma)
+        self._sigma = np.asarray(sigma, dtype=float)
         self._knot_s = knot_s
         self._keep = math.exp(-knot_s / tau_s)
         self._first = 0  # number of the first knot remembered
-        self._knots = [self._sigma * rng.standard_normal(len(sigma))]
+        self._knots = [self._sigma * rng.standard_normal(len(self._sigma))]
 
     def at(self, t_s: FloatArray) -> FloatArray:
         """Values at growing instants from 0 on, shape (n, k)."""

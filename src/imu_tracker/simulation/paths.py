@@ -159,18 +159,17 @@ class Path:
         t0, s0, heading0, duration, v0, v1, c0, c1, covered = table[row].T
 
         u = (t_s - t0) / duration
-        blend, rate, integral = _BLEND(u), _BLEND_RATE(u) / duration, _BLEND_INTEGRAL(u)
-        travelled = duration * (v0 * u + (v1 - v0) * integral)
+        blend, rate = _BLEND(u), _BLEND_RATE(u) / duration
+        blended_s = _BLEND_INTEGRAL(u) * duration
+        travelled = v0 * (t_s - t0) + (v1 - v0) * blended_s
         return Kinematics(
             t_s,
             distance_m=s0 + travelled,
             speed_mps=v0 + (v1 - v0) * blend,
             accel_mps2=(v1 - v0) * rate,
             jerk_mps3=(v1 - v0) * _BLEND_SECOND(u) / duration**2,
-            # The second term is there only when the speed is constant.
-            heading_rad=heading0
-            + c0 * travelled
-            + (c1 - c0) * v0 * duration * integral,
+            # The last term is there only when the speed is constant.
+            heading_rad=heading0 + c0 * travelled + (c1 - c0) * v0 * blended_s,
             curvature_per_m=c0 + (c1 - c0) * blend,
             curvature_rate=(c1 - c0) * rate,
             is_covered=covered.astype(bool),

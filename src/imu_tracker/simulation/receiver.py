@@ -6,12 +6,14 @@ to the next, and no averaging removes it.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.simulation.motion import Motion
 from imu_tracker.simulation.noise import GaussMarkov
 from imu_tracker.simulation.paths import FloatArray
 from imu_tracker.simulation.positions import TICKS_PER_S, Whereabouts
@@ -107,74 +109,88 @@ class Receiver:
             raise ValueError(f"{every_s} s between fixes: must be a multiple of 0.05 s")
         self._errors, self._start_utc_s = errors, start_utc_s
         self._rng, slow_rng, velocity_rng = (rng, *rng.spawn(2))
-        axes_m = (errors.slow_sigma_m,) * 2 + (
-            errors.slow_sigma_m * errors.height_factor,
+        self._slow = GaussMarkov(
+            slow_rng, errors.slow_sigma_m * self._north_east_up, errors.slow_tau_s
         )
-        self._slow = GaussMarkov(slow_rng, axes_m, errors.slow_tau_s)
-        axes_mps = (errors.velocity_slow_sigma_mps,) * 2
-        self._velocity = GaussMarkov(velocity_rng, axes_mps, errors.velocity_slow_tau_s)
-        self._has_sky_from_s = errors.fix_after_s
+        self._velocity = GaussMarkov(
+            velocity_rng,
+            (errors.velocity_slow_sigma_mps,) * 2,
+            errors.velocity_slow_tau_s,
+        )
+        self._last_hidden_s = -math.inf
         self._port_free_s = 0.0
 
-    def lines(self, ticks: Iterator[Whereabouts]) -> Iterator[Line]:
+    @property
+    def _north_east_up(self) -> FloatArray:
+        """How large errors of position are along each axis, relative to north."""
+        return np.array([1.0, 1.0, self._errors.height_factor])
+
+    def lines(self, ticks: Iterable[Whereabouts]) -> Iterator[Line]:
         """Yield the lines of all epochs in order of arrival."""
         first_tick = 0
-        for stretch in ticks:
-            t_s = stretch.motion.t_s
-            skip = -first_tick % self._every_ticks
-            epochs = range(skip, len(t_s), self._every_ticks)
-            seen = 0
-            for epoch in epochs:
-                self._look_up(stretch, seen, epoch + 1)
-                seen = epoch + 1
-                yield from self._send(float(t_s[epoch]), self._report(stretch, epoch))
-            self._look_up(stretch, seen, len(t_s))
-            first_tick += len(t_s)
+        for motion, lat_rad, lon_rad, alt_m in ticks:
+            epochs = slice(-first_tick % self._every_ticks, None, self._every_ticks)
+            first_tick += len(motion.t_s)
+            t_s = motion.t_s[epochs]
+            if not len(t_s):
+                continue
+            has_fix = self._has_sky(motion)[epochs] & (t_s >= self._errors.fix_after_s)
+            error_m, error_mps = self._draw_errors(t_s)
+            for row in zip(
+                t_s.tolist(),
+                has_fix.tolist(),
+                lat_rad[epochs].tolist(),
+                lon_rad[epochs].tolist(),
+                (alt_m[epochs] + error_m[:, 2]).tolist(),
+                error_m[:, :2].tolist(),
+                (motion.v_n[epochs, :2] + error_mps).tolist(),
+                strict=True,
+            ):
+                yield from self._send(row[0], self._report(*row))
 
-    def _look_up(self, stretch: Whereabouts, start: int, end: int) -> None:
-        """Lose the satellites where the sky is hidden; they come back later."""
-        hidden = stretch.motion.t_s[start:end][stretch.motion.is_covered[start:end]]
-        if len(hidden):
-            back_s = float(hidden[-1]) + 1.0 / TICKS_PER_S + self._errors.reacquire_s
-            self._has_sky_from_s = max(self._has_sky_from_s, back_s)
-
-    def _report(self, stretch: Whereabouts, i: int) -> Report:
-        t_s = stretch.motion.t_s[i]
-        # Drawn also when there is no fix: the errors of a fix do not depend on it.
-        error_m, error_mps = self._draw_errors(stretch.motion.t_s[i : i + 1])
-        utc_s = self._start_utc_s + float(t_s)
-        if t_s < self._errors.time_after_s:
-            return Report(None, None)
-        if t_s < self._has_sky_from_s:
-            return Report(utc_s, None)
-        frame = LocalFrame.at(float(stretch.lat_rad[i]), float(stretch.lon_rad[i]))
-        lat_rad, lon_rad = frame.to_lat_lon(float(error_m[0]), float(error_m[1]))
-        north, east = (stretch.motion.v_n[i, :2] + error_mps).tolist()
-        sigma_m = math.hypot(self._errors.slow_sigma_m, self._errors.white_sigma_m)
-        solution = Solution(
-            lat_rad,
-            lon_rad,
-            float(stretch.alt_m[i] + error_m[2]),
-            (north, east),
-            sigma_m,
-            sigma_m * self._errors.height_factor,
-            self._errors.hdop,
-        )
-        return Report(utc_s, solution)
+    def _has_sky(self, motion: Motion) -> NDArray[np.bool_]:
+        """Whether satellites are in sight at each tick, and have been for a while."""
+        hidden_s = np.where(motion.is_covered, motion.t_s, -np.inf)
+        hidden_s[0] = max(hidden_s[0], self._last_hidden_s)
+        hidden_s = np.maximum.accumulate(hidden_s)
+        self._last_hidden_s = hidden_s[-1]
+        return np.asarray(motion.t_s > hidden_s + self._errors.reacquire_s)
 
     def _draw_errors(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Errors of position (north, east, up) and of velocity (north, east)."""
         errors = self._errors
-        white = self._rng.standard_normal(5)
-        position_m = self._slow.at(t_s)[0] + errors.white_sigma_m * white[:3] * (
-            1.0,
-            1.0,
-            errors.height_factor,
+        white = self._rng.standard_normal((len(t_s), 5))
+        white_m = errors.white_sigma_m * self._north_east_up * white[:, :3]
+        white_mps = errors.velocity_white_sigma_mps * white[:, 3:]
+        return self._slow.at(t_s) + white_m, self._velocity.at(t_s) + white_mps
+
+    def _report(
+        self,
+        t_s: float,
+        has_fix: bool,
+        lat_rad: float,
+        lon_rad: float,
+        alt_m: float,
+        error_m: list[float],
+        vel_ne_mps: list[float],
+    ) -> Report:
+        errors = self._errors
+        if t_s < errors.time_after_s:
+            return Report(None, None)
+        utc_s = self._start_utc_s + t_s
+        if not has_fix:
+            return Report(utc_s, None)
+        sigma_m = math.hypot(errors.slow_sigma_m, errors.white_sigma_m)
+        north, east = vel_ne_mps
+        solution = Solution(
+            *LocalFrame.at(lat_rad, lon_rad).to_lat_lon(*error_m),
+            alt_m,
+            (north, east),
+            sigma_m,
+            sigma_m * errors.height_factor,
+            errors.hdop,
         )
-        velocity_mps = (
-            self._velocity.at(t_s)[0] + errors.velocity_white_sigma_mps * white[3:]
-        )
-        return position_m, velocity_mps
+        return Report(utc_s, solution)
 
     def _send(self, t_s: float, report: Report) -> Iterator[Line]:
         """Put the sentences of an epoch on the wire, one after the other."""

@@ -29,66 +29,63 @@ ROAD_SPEED_MPS: Final = 14.0
 
 
 class SensorErrors(NamedTuple):
-    """How large the errors of a chip and of its mounting are; body axes.
+    """How large the errors of a chip and of its mounting are; none by default.
 
     A `sigma` of a constant is the spread between chips; of anything else, its spread
-    in time. The defaults are a typical chip, not calibrated, in a typical box.
+    in time. Noise densities are one-sided, as in the datasheet: as a random walk they
+    show as 1/sqrt(2) of it. `idle` and `road` shaking need an engine.
     """
 
-    accel_bias_sigma_mps2: Vec3 = (17 * _MG, 17 * _MG, 27 * _MG)  # 6.2: 50, 50, 80 mg
-    gyro_bias_sigma_radps: float = 2 * _DPS  # 6.1: 20 deg/s; boards mostly 1 to 4
-    accel_scale_sigma: float = 0.01  # 6.2: 3 %
-    gyro_scale_sigma: float = 0.01  # 6.1: 3 %
-    cross_axis_sigma: float = 0.007  # 6.1 and 6.2: 2 %
-    accel_per_degc_sigma_mps2: Vec3 = (0.17 * _MG, 0.17 * _MG, 0.29 * _MG)
-    # 6.2: 35, 35, 60 mg over 70 K
-    gyro_per_degc_sigma_radps: float = 0.02 * _DPS  # 6.1: 20 deg/s over 65 K; boards
-    warm_up_degc: float = 6.0
+    accel_bias_sigma_mps2: Vec3 = (0.0, 0.0, 0.0)  # body axes, when switched on
+    gyro_bias_sigma_radps: float = 0.0
+    accel_scale_sigma: float = 0.0
+    gyro_scale_sigma: float = 0.0
+    cross_axis_sigma: float = 0.0
+    accel_per_degc_sigma_mps2: Vec3 = (0.0, 0.0, 0.0)
+    gyro_per_degc_sigma_radps: float = 0.0
+    warm_up_degc: float = 0.0
     warm_up_tau_s: float = 600.0
-
-    # One-sided densities: Allan deviation shows 1/sqrt(2) of it as random walk.
-    accel_noise_mps2_rthz: float = 0.4 * _MG  # 6.2: 400 ug/sqrt(Hz)
-    gyro_noise_radps_rthz: float = 0.005 * _DPS  # 6.1: 0.005 deg/s/sqrt(Hz)
-    accel_drift_sigma_mps2: float = 0.2 * _MG
-    gyro_drift_sigma_radps: float = 0.003 * _DPS
+    accel_noise_mps2_rthz: float = 0.0
+    gyro_noise_radps_rthz: float = 0.0
+    accel_drift_sigma_mps2: float = 0.0
+    gyro_drift_sigma_radps: float = 0.0
     drift_tau_s: float = 300.0
-
-    mounting_sigma_rad: Vec3 = (1.0 * _DPS, 1.0 * _DPS, 1.5 * _DPS)  # roll pitch yaw
-    # With an engine only.
-    idle_accel_sigma_mps2: float = 0.03
-    idle_gyro_sigma_radps: float = 0.05 * _DPS
-    road_accel_sigma_mps2: Vec3 = (0.25, 0.25, 0.45)
-    road_gyro_sigma_radps: float = 0.7 * _DPS
-
-    clock_limit: float = 0.01  # 6.6: 1 % with the gyro's PLL
-    jitter_sigma_s: float = 2e-4  # of the host's time stamps
+    mounting_sigma_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
+    idle_accel_sigma_mps2: float = 0.0
+    idle_gyro_sigma_radps: float = 0.0
+    road_accel_sigma_mps2: Vec3 = (0.0, 0.0, 0.0)  # at ROAD_SPEED_MPS
+    road_gyro_sigma_radps: float = 0.0
+    clock_limit: float = 0.0  # 0.01: the sample clock is up to 1 % fast or slow
+    jitter_sigma_s: float = 0.0  # of the host's time stamps
     dropped_share: float = 0.0
 
 
-TYPICAL_CHIP: Final = SensorErrors()
+IDEAL_CHIP: Final = SensorErrors()
+"""Only rounds and clips; at rest it repeats itself exactly, as no real chip does."""
 
-IDEAL_CHIP: Final = SensorErrors(
-    accel_bias_sigma_mps2=(0.0, 0.0, 0.0),
-    gyro_bias_sigma_radps=0.0,
-    accel_scale_sigma=0.0,
-    gyro_scale_sigma=0.0,
-    cross_axis_sigma=0.0,
-    accel_per_degc_sigma_mps2=(0.0, 0.0, 0.0),
-    gyro_per_degc_sigma_radps=0.0,
-    warm_up_degc=0.0,
-    accel_noise_mps2_rthz=0.0,
-    gyro_noise_radps_rthz=0.0,
-    accel_drift_sigma_mps2=0.0,
-    gyro_drift_sigma_radps=0.0,
-    mounting_sigma_rad=(0.0, 0.0, 0.0),
-    idle_accel_sigma_mps2=0.0,
-    idle_gyro_sigma_radps=0.0,
-    road_accel_sigma_mps2=(0.0, 0.0, 0.0),
-    road_gyro_sigma_radps=0.0,
-    clock_limit=0.0,
-    jitter_sigma_s=0.0,
+TYPICAL_CHIP: Final = SensorErrors(
+    accel_bias_sigma_mps2=(17 * _MG, 17 * _MG, 27 * _MG),  # 6.2: 50, 50, 80 mg
+    gyro_bias_sigma_radps=2 * _DPS,  # 6.1: 20 deg/s; most boards stay below 4
+    accel_scale_sigma=0.01,  # 6.2: 3 %
+    gyro_scale_sigma=0.01,  # 6.1: 3 %
+    cross_axis_sigma=0.007,  # 6.1, 6.2: 2 %
+    # 6.2: 35, 35, 60 mg over 70 K
+    accel_per_degc_sigma_mps2=(0.17 * _MG, 0.17 * _MG, 0.29 * _MG),
+    gyro_per_degc_sigma_radps=0.02 * _DPS,  # 6.1: 20 deg/s over 65 K; boards: less
+    warm_up_degc=6.0,
+    accel_noise_mps2_rthz=0.4 * _MG,  # 6.2: 400 ug/sqrt(Hz)
+    gyro_noise_radps_rthz=0.005 * _DPS,  # 6.1: 0.005 deg/s/sqrt(Hz)
+    accel_drift_sigma_mps2=0.2 * _MG,
+    gyro_drift_sigma_radps=0.003 * _DPS,
+    mounting_sigma_rad=(1.0 * _DPS, 1.0 * _DPS, 1.5 * _DPS),
+    idle_accel_sigma_mps2=0.03,
+    idle_gyro_sigma_radps=0.05 * _DPS,
+    road_accel_sigma_mps2=(0.25, 0.25, 0.45),
+    road_gyro_sigma_radps=0.7 * _DPS,
+    clock_limit=0.01,  # 6.6: 1 % on the gyro's PLL
+    jitter_sigma_s=2e-4,
 )
-"""No error at all but rounding and clipping: at rest it repeats itself exactly."""
+"""Not calibrated, glued into its box by hand."""
 
 AMBIENT_DEGC: Final = 21.0
 
@@ -172,17 +169,13 @@ class ChipErrors:
         self._accel_gain_T = (traits.accel_gain @ C_bv).T
         self._gyro_gain_T = (traits.gyro_gain @ C_bv).T
         self._rng, drift_rng, rumble_rng = (rng, *rng.spawn(2))
-        accel_drift = (errors.accel_drift_sigma_mps2,) * 3
-        gyro_drift = (errors.gyro_drift_sigma_radps,) * 3
-        self._drift = GaussMarkov(
-            drift_rng, accel_drift + gyro_drift, errors.drift_tau_s
-        )
+        drift = _six(errors.accel_drift_sigma_mps2, errors.gyro_drift_sigma_radps)
+        self._drift = GaussMarkov(drift_rng, drift, errors.drift_tau_s)
+        density = _six(errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz)
+        self._white_sigma = density * math.sqrt(0.5 * rate_hz)
         self._rumble = Rumble(rumble_rng, 6, rate_hz) if has_engine else None
-        bandwidth = math.sqrt(0.5 * rate_hz)
-        self._white_sigma = (
-            np.repeat([errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz], 3)
-            * bandwidth
-        )
+        self._idle = _six(errors.idle_accel_sigma_mps2, errors.idle_gyro_sigma_radps)
+        self._road = _six(errors.road_accel_sigma_mps2, errors.road_gyro_sigma_radps)
 
     def spoil(
         self, t_s: FloatArray, speed_mps: FloatArray, f_v: FloatArray, w_v: FloatArray
@@ -203,18 +196,16 @@ class ChipErrors:
         noise = self._drift.at(t_s)
         noise += self._white_sigma * self._rng.standard_normal((len(t_s), 6))
         if self._rumble:
-            size = np.hstack(self._shaking(speed_mps[:, None] / ROAD_SPEED_MPS))
-            noise += size * self._rumble.draw(len(t_s))
+            pace = speed_mps[:, None] / ROAD_SPEED_MPS
+            shaking = self._idle + pace * self._road
+            noise += shaking * self._rumble.draw(len(t_s))
         accel = f_v @ self._accel_gain_T + traits.accel_bias_mps2 + noise[:, :3]
         gyro = w_v @ self._gyro_gain_T + traits.gyro_bias_radps + noise[:, 3:]
         accel += np.outer(warmth, traits.accel_mps2_per_degc)
         gyro += np.outer(warmth, traits.gyro_radps_per_degc)
         return Readings(accel, gyro, AMBIENT_DEGC + warmth)
 
-    def _shaking(self, pace: FloatArray) -> tuple[FloatArray, FloatArray]:
-        errors = self._errors
-        accel = errors.idle_accel_sigma_mps2 + pace * errors.road_accel_sigma_mps2
-        gyro = errors.idle_gyro_sigma_radps + pace * np.full(
-            3, errors.road_gyro_sigma_radps
-        )
-        return accel, gyro
+
+def _six(accel: Vec3 | float, gyro: float) -> FloatArray:
+    """One number for each axis of the accelerometer, then of the gyro."""
+    return np.concatenate([np.broadcast_to(accel, 3), np.broadcast_to(gyro, 3)])

@@ -98,8 +98,8 @@ def simulate(
     seed : int, not negative
         Decides everything that is random.
     duration_s : float, optional
-        The scenario's own when left out. Beyond that a drive goes on, and the others
-        stand still.
+        The scenario's own when left out; infinity never ends. Beyond its own a drive
+        goes on, and the others stand still.
     rate_hz : float
         Nominal rate of the IMU; its clock is off by up to 1 %.
     accel_range_g, gyro_range_dps, mount
@@ -112,13 +112,9 @@ def simulate(
         Rows of truth per second, a divisor of 20.
     """
     if scenario not in SCENARIOS:
-        raise ValueError(
-            f"scenario {scenario!r}: must be one of {', '.join(SCENARIOS)}"
-        )
+        raise ValueError(f"{scenario!r}: must be one of {', '.join(SCENARIOS)}")
     if truth_hz < 1 or TICKS_PER_S % truth_hz:
-        raise ValueError(
-            f"{truth_hz} rows of truth a second: must divide {TICKS_PER_S}"
-        )
+        raise ValueError(f"truth at {truth_hz} Hz: must divide {TICKS_PER_S} Hz")
     plan = SCENARIOS[scenario]
     end_s = plan.duration_s if duration_s is None else duration_s
 
@@ -136,7 +132,7 @@ def simulate(
         CountsModel(accel_range_g, gyro_range_dps, mount),
     )
     gps = Receiver(receiver, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S)
-    end_ns = START_NS + round(end_s * 1e9)
+    end_ns = START_NS + end_s * 1e9
     return Simulated(
         SessionHeader(
             accel_range_g,
