@@ -128,11 +128,13 @@ def end_of_lines(
         another line, or with a tail of 64 kB that holds no whole line.
     """
     start = file.read(len(first_line) + 1)
-    if start != first_line + b"\n":
-        return 0 if first_line.startswith(start) else None
     begin = max(0, file.seek(0, io.SEEK_END) - _TAIL_BYTES)
     file.seek(begin)
     tail = file.read()
+    if begin == 0 and first_line.startswith(tail.rstrip(b"\0")):
+        return 0
+    if start != first_line + b"\n":
+        return None
     end = tail.rfind(b"\n") + 1
     while end:
         previous = tail.rfind(b"\n", 0, end - 1) + 1

@@ -273,7 +273,7 @@ class AppendFile:
 
 def make_directories(directory: Path) -> None:
     """Make a directory and its parents for the owner and the group only."""
-    if not directory.is_dir():
+    if not directory.exists():
         make_directories(directory.parent)
         directory.mkdir(DIRECTORY_MODE, exist_ok=True)
 

@@ -232,11 +232,13 @@ def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
                 continue
             try:
                 if number == 1:
-                    raise ValueError(f"expected the header {HEADER}")
+                    raise ValueError
                 yield _parsed(line)
             except ValueError as error:
-                where = f"{path}:{number}"
-                raise LogError(f"{where}: {error}, not {line[:80]!r}") from error
+                expected = f"{'the header' if number == 1 else 'a row of'} {HEADER}"
+                raise LogError(
+                    f"{path}:{number}: expected {expected}, not {line[:80]!r}"
+                ) from error
         done += len(lines)
     if not done:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
@@ -245,9 +247,9 @@ def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
 def _parsed(line: bytes) -> tuple[float | str, ...]:
     match = _ROW.fullmatch(line)
     if match is None:
-        raise ValueError(f"expected a row of {HEADER}")
+        raise ValueError
     time, *texts, mode = match.groups()
     numbers = [float(text) if text else math.nan for text in texts]
     if abs(numbers[0]) > 90.0 or abs(numbers[1]) > 180.0:
-        raise ValueError("expected a latitude to 90 and a longitude to 180 degrees")
+        raise ValueError
     return _utc_s(time), *numbers, mode.decode()
