@@ -219,7 +219,9 @@ def test_a_port_that_is_too_slow_delays_but_never_reorders() -> None:
     assert t_s == sorted(t_s)
 
 
-@pytest.mark.parametrize(("every_s", "hundredths"), [(1.0, 100), (3.0, 300), (0.2, 20)])
+@pytest.mark.parametrize(
+    ("every_s", "hundredths"), [(1.0, 100), (3.0, 300), (0.2, 20), (25.0, 2500)]
+)
 def test_epochs_come_on_the_grid_of_utc(every_s: float, hundredths: int) -> None:
     lines = lines_of(IDEAL_RECEIVER, 400, every_s=every_s)[::2]
     times = [fields(line)[1] for line in lines]
