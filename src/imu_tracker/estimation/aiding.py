@@ -34,12 +34,16 @@ VELOCITY_MODEL_SHARE: Final = 0.1
 
 VELOCITY_MODEL_MPS2: Final = 0.05
 
-DARK_BASE_S: Final = 1.0
-DARK_SIGMA_MPS2: Final = 3.0
+MAX_DISTRUST: Final = 20.0
+"""Factor on its noise that the comparison earns by not fitting, as with a receiver
+whose latency is not the configured one. At the most gravity alone outweighs it."""
+
+GRAVITY_BASE_S: Final = 1.0
+GRAVITY_SIGMA_MPS2: Final = 3.0
 """Own acceleration of a body of which nothing is known, mean of a second. Only over
 minutes does gravity win through this."""
 
-DARK_GRAVITY_WINDOW_MPS2: Final = 0.5
+GRAVITY_WINDOW_MPS2: Final = 0.5
 """Gravity is trusted only while |f| is about g."""
 
 COURSE_SPEED_MPS: Final = {"vehicle": 2.0, "walker": 0.8, "free": 2.0}
@@ -53,6 +57,12 @@ COURSE_MAX_RATE_RADPS: Final = 0.6
 
 COURSE_LEVER_M: Final = 1.5
 """Way between them: the course leads or lags by lever * rate / speed."""
+
+COURSE_DELAY_SIGMA_S: Final = 0.2
+"""Receivers smooth their course, and the latency is only about known."""
+
+COURSE_CORRELATION_S: Final = 3.0
+"""Its errors last so long, whatever the rate of fixes."""
 
 REVERSE_RAD: Final = math.radians(120.0)
 REVERSE_FIXES: Final = 8
@@ -81,13 +91,14 @@ class AttitudeAiding:
         self._attitude = attitude
         self._profile = profile
         self._anchor: _Anchor | None = None
+        self._distrust = 1.0
         self._n_backwards = 0
         # Of an instant: what a snapshot holds.
         self.accel_bias_mps2: Vec3 = (0.0, 0.0, 0.0)
         self._t_ns = 0
         self._imu_velocity_mps: Vec3 = (0.0, 0.0, 0.0)
         self._levelling: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
-        self._dark_since: tuple[int, Vec3] = (0, (0.0, 0.0, 0.0))
+        self._gravity_since: tuple[int, Vec3] = (0, (0.0, 0.0, 0.0))
         self._rate_down_radps = 0.0
 
     def snapshot(self) -> tuple[object, ...]:
@@ -97,7 +108,7 @@ class AttitudeAiding:
             self._t_ns,
             self._imu_velocity_mps,
             self._levelling,
-            self._dark_since,
+            self._gravity_since,
             self._rate_down_radps,
         )
 
@@ -108,7 +119,7 @@ class AttitudeAiding:
             self._t_ns,
             self._imu_velocity_mps,
             self._levelling,
-            self._dark_since,
+            self._gravity_since,
             self._rate_down_radps,
         ) = saved  # type: ignore[assignment]
 
@@ -124,7 +135,7 @@ class AttitudeAiding:
         if step.is_gap:
             self._anchor = None
             self._levelling = (0.0, (0.0, 0.0, 0.0))
-            self._dark_since = (step.t_ns, self._imu_velocity_mps)
+            self._gravity_since = (step.t_ns, self._imu_velocity_mps)
             return
         vn, ve, vd = self._imu_velocity_mps
         self._imu_velocity_mps = (vn + a_n[0] * dt, ve + a_n[1] * dt, vd + a_n[2] * dt)
@@ -184,38 +195,41 @@ class AttitudeAiding:
             VELOCITY_MODEL_SHARE * math.hypot(*a_ne),
             VELOCITY_MODEL_MPS2,
         )
-        self._attitude.update_level(
-            (f_n[0], f_n[1], f_n[2] - gravity_mps2), a_ne, sigma
+        nis = self._attitude.update_level(
+            (f_n[0], f_n[1], f_n[2] - gravity_mps2), a_ne, sigma * self._distrust
         )
+        square = self._distrust**2
+        square += 0.2 * (0.5 * nis * square - square)
+        self._distrust = min(max(math.sqrt(square), 1.0), MAX_DISTRUST)
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 
-    def in_the_dark(self, v_n: Vec3, gravity_mps2: float) -> None:
-        """Without a receiver gravity tells the tilt, slowly.
+    def gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
+        """Gravity tells the tilt, slowly: all there is without a receiver.
 
         Of the body's own acceleration only the part that turns it is known: rate
         times speed.
         """
-        t_ns, then = self._dark_since
+        t_ns, then = self._gravity_since
         dt = (self._t_ns - t_ns) * 1e-9
-        if dt < DARK_BASE_S:
+        if dt < GRAVITY_BASE_S:
             return
         now = self._imu_velocity_mps
-        self._dark_since = (self._t_ns, now)
-        if dt > 2.0 * DARK_BASE_S or not self._attitude.is_level:
+        self._gravity_since = (self._t_ns, now)
+        if dt > 2.0 * GRAVITY_BASE_S or not self._attitude.is_level:
             return
         f_n = (
             (now[0] - then[0]) / dt,
             (now[1] - then[1]) / dt,
             (now[2] - then[2]) / dt - gravity_mps2,
         )
-        if abs(math.hypot(*f_n) - gravity_mps2) > DARK_GRAVITY_WINDOW_MPS2:
+        if abs(math.hypot(*f_n) - gravity_mps2) > GRAVITY_WINDOW_MPS2:
             return
         rate = self._rate_down_radps if self._attitude.is_yaw_usable else 0.0
         centripetal = (-rate * v_n[1], rate * v_n[0])
-        self._attitude.update_level(f_n, centripetal, DARK_SIGMA_MPS2)
+        self._attitude.update_level(f_n, centripetal, GRAVITY_SIGMA_MPS2)
 
     def course(
-        self, vel_ne_mps: tuple[float, float], sigma_mps: float, latency_sigma_s: float
+        self, vel_ne_mps: tuple[float, float], sigma_mps: float, period_s: float
     ) -> None:
         """Take the course over ground for the heading, when fast enough."""
         speed = math.hypot(*vel_ne_mps)
@@ -231,7 +245,7 @@ class AttitudeAiding:
         sigma = math.hypot(
             COURSE_SIGMA_RAD,
             sigma_mps / speed,
-            rate * (latency_sigma_s + COURSE_LEVER_M / speed),
+            rate * (COURSE_DELAY_SIGMA_S + COURSE_LEVER_M / speed),
         )
         if self._profile == "vehicle" and attitude.is_yaw_usable:
             if abs(wrap_pi(course - attitude.yaw_rad)) > REVERSE_RAD:
@@ -242,4 +256,5 @@ class AttitudeAiding:
                     course -= math.pi
             else:
                 self._n_backwards = 0
-        attitude.update_yaw(course, sigma)
+        votes = max(1.0, COURSE_CORRELATION_S / period_s)
+        attitude.update_yaw(course, sigma * math.sqrt(votes))

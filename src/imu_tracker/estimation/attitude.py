@@ -193,8 +193,8 @@ class AttitudeFilter:
         z: NDArray[np.float64],
         H: NDArray[np.float64],
         R: NDArray[np.float64],
-    ) -> None:
-        """Apply an innovation z = H (theta_n, b), then fold the errors in."""
+    ) -> float:
+        """Apply an innovation z = H (theta_n, b), fold the errors in; return NIS."""
         kf = self._kf
         kf.update(z, R=R, H=H)
         tx, ty, tz, bx, by, bz = kf.x.tolist()
@@ -202,11 +202,12 @@ class AttitudeFilter:
         ox, oy, oz = self.gyro_bias_radps
         self.gyro_bias_radps = (ox + bx, oy + by, oz + bz)
         kf.x = np.zeros(6)
+        return float(z @ kf.SI @ z)
 
     def update_level(
         self, f_n: Vec3, a_ne_mps2: tuple[float, float], sigma_mps2: float
-    ) -> None:
-        """Correct the tilt by an acceleration that is known otherwise.
+    ) -> float:
+        """Correct the tilt by an acceleration that is known otherwise; return NIS.
 
         Parameters
         ----------
@@ -228,7 +229,7 @@ class AttitudeFilter:
         innovation = np.array([a_ne_mps2[0] - f_n[0], a_ne_mps2[1] - f_n[1]])
         H = np.zeros((2, 6))
         H[0, 1], H[1, 0] = f_n[2], -f_n[2]
-        self._update(innovation, H, np.eye(2) * sigma_mps2**2)
+        return self._update(innovation, H, np.eye(2) * sigma_mps2**2)
 
     def update_yaw(self, yaw_rad: float, sigma_rad: float) -> float:
         """Correct the yaw by a heading; return the innovation in radians.

@@ -17,7 +17,7 @@ from imu_tracker.estimation import constraints
 from imu_tracker.estimation.aiding import AttitudeAiding
 from imu_tracker.estimation.attitude import AttitudeFilter
 from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimate, r95_of
-from imu_tracker.estimation.gate import NIS_LIMIT, FixOutcome, Gate
+from imu_tracker.estimation.gate import FixOutcome, Gate
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.estimation.preintegration import ImuStep
 from imu_tracker.estimation.rotation import rotate
@@ -54,6 +54,14 @@ ALTITUDE_FACTOR: Final = 2.0
 CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
 """In the dark the speed's uncertainty stops growing here."""
 
+MAX_NIS_LEVEL: Final = 9.0
+"""A receiver's own word on its noise is believed to be wrong by three at most; beyond
+that it is the filter that is wrong."""
+
+MAX_FADING: Final = 4.0
+"""Growth of P at a single fix: enough to turn a filter round within some fixes."""
+
+_SOFT_NIS: Final = 9.0
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 _CONSTRAINT_PERIOD_S: Final = 0.2
 _CONSTRAINT_VOTES: Final = 5.0  # per second: errors of a constraint last about one
@@ -91,6 +99,8 @@ class SixState:
         self._fix_period_s = 1.0
         self._sigma_h_m = 0.0
         self._nis_level = 1.0
+        self._bias_nis = 0.0
+        self._mean_innovation = np.zeros(2)
         self._nis_sum, self._n_nis = 0.0, 0
         self._doubt_m = 0.0
         # Of an instant: what a snapshot holds.
@@ -119,7 +129,8 @@ class SixState:
         self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
         self._sigma_h_m = sigma_m
         self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
-        self._nis_level = 1.0
+        self._nis_level, self._bias_nis = 1.0, 0.0
+        self._mean_innovation = np.zeros(2)
         self._is_started = True
 
     def estimate(self) -> Estimate:
@@ -255,7 +266,7 @@ class SixState:
         self._constraint_due_s -= dt
         if self._constraint_due_s <= 0.0:
             self._constraint_due_s = _CONSTRAINT_PERIOD_S
-            self._constrain(step, rest)
+            self._constrain(rest, can_rotate)
 
     def _predict(self, dt: float, can_rotate: bool) -> None:
         """Kalman prediction with the acceleration as input."""
@@ -294,16 +305,14 @@ class SixState:
         Q[5, 5] = psd_down * dt
         self._kf.predict(np.array((an, ae, ad)), B, F, Q)
 
-    def _constrain(self, step: ImuStep, rest: Rest | None) -> None:
+    def _constrain(self, rest: Rest | None, can_rotate: bool) -> None:
         """Apply what the body cannot do."""
         attitude = self._attitude
         v_n: Vec3 = tuple(self._kf.x[3:].tolist())
         if rest is not None:
             self._aiding.rest(rest, self._gravity_mps2)
             self._update_velocity(constraints.rest(v_n))
-        elif step.is_gap or not attitude.is_yaw_usable:
-            return
-        elif self._profile == "vehicle":
+        elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
             self._update_velocity(
                 constraints.no_side_slip(
                     v_n,
@@ -313,8 +322,8 @@ class SixState:
                     self._aiding.rate_down_radps,
                 )
             )
+        self._aiding.gravity(v_n, self._gravity_mps2)
         if self._dark_s > 3.0:
-            self._aiding.in_the_dark(v_n, self._gravity_mps2)
             self._move_frame()
 
     def _update_velocity(self, measured: constraints.VelocityMeasurement) -> None:
@@ -340,6 +349,7 @@ class SixState:
 
         variance = fix.sigma_h_m**2 * self._nis_level
         innovation = z - self._kf.x[:2]
+        self._kf.P = self._kf.P * self._fading()
         S = self._kf.P[:2, :2] + np.eye(2) * variance
         nis = float(innovation @ np.linalg.solve(S, innovation))
         if not self._gate.passes(nis):
@@ -352,7 +362,7 @@ class SixState:
                 self._doubt_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
             return FixOutcome.OUTLIER
         self._doubt_m = 0.0
-        self._learn_noise(fix, nis)
+        self._learn_noise(fix, innovation, S, nis)
         votes = max(1.0, 1.0 / self._fix_period_s)
         parked = 2.0 * PARKED_CORRELATION_S / self._fix_period_s
         weight = parked if self._is_resting else votes
@@ -388,10 +398,11 @@ class SixState:
         self._kf.update(z, R=np.eye(len(z)) * variance, H=np.eye(6)[states])
 
     def _update_velocity_ne(self, z: NDArray[np.float64], variance: float) -> None:
+        """Measure the velocity; a wild one weighs little, but never nothing."""
         innovation = z - self._kf.x[3:5]
         S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
-        if float(innovation @ np.linalg.solve(S, innovation)) <= NIS_LIMIT:
-            self._update_states(z, slice(3, 5), variance)
+        nis = float(innovation @ np.linalg.solve(S, innovation))
+        self._update_states(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
 
     def _update_altitude(self, fix: GpsFix, variance: float) -> None:
         if fix.alt_m is None:
@@ -409,11 +420,11 @@ class SixState:
         if fix.vel_ne_mps is not None:
             self._aiding.velocity(fix.vel_ne_mps, sigma_v, self._gravity_mps2)
             if not self._is_resting:
-                self._aiding.course(fix.vel_ne_mps, sigma_v, LATENCY_SIGMA_S)
+                self._aiding.course(fix.vel_ne_mps, sigma_v, self._fix_period_s)
         elif not self._is_resting:
             vn, ve = self._kf.x[3:5].tolist()
             _, sigma = self.speed()
-            self._aiding.course((vn, ve), sigma, LATENCY_SIGMA_S)
+            self._aiding.course((vn, ve), sigma, self._fix_period_s)
 
     def _learn_period(self, fix: GpsFix) -> None:
         if self._fix_ns is not None:
@@ -422,21 +433,38 @@ class SixState:
                 self._fix_period_s += 0.1 * (period - self._fix_period_s)
         self._fix_ns = fix.t_ns
 
-    def _learn_noise(self, fix: GpsFix, nis: float) -> None:
-        """Follow the receiver's own word on its noise, and how true it was.
+    def _learn_noise(
+        self,
+        fix: GpsFix,
+        innovation: NDArray[np.float64],
+        S: NDArray[np.float64],
+        nis: float,
+    ) -> None:
+        """Follow how true the receiver's and the filter's own words were.
 
-        The mean of NIS over its two degrees of freedom is 1 for a receiver that
-        knows itself, less for correlated errors, and more under trees: then the
-        noise is multiplied by it.
+        Innovations that scatter more than they should are the receiver's noise, as
+        under trees: R grows. Innovations that keep to one side are the filter's
+        error: P grows (`_fading`), and it follows the receiver.
         """
         if self._n_nis == 0:
             self._sigma_h_m = fix.sigma_h_m
         self._n_nis += 1
         self._nis_sum += nis
-        forget = 0.1 * min(1.0, self._fix_period_s)
-        ratio = 0.5 * nis * self._nis_level
-        self._nis_level = max(1.0, self._nis_level + forget * (ratio - self._nis_level))
-        self._sigma_h_m += forget * (fix.sigma_h_m - self._sigma_h_m)
+        forget = 0.2 * min(1.0, self._fix_period_s)
+        self._mean_innovation = self._mean_innovation + forget * (
+            innovation - self._mean_innovation
+        )
+        scatter = innovation - self._mean_innovation
+        ratio = 0.5 * float(scatter @ np.linalg.solve(S, scatter)) * self._nis_level
+        level = self._nis_level + 0.5 * forget * (ratio - self._nis_level)
+        self._nis_level = min(max(level, 1.0), MAX_NIS_LEVEL)
+        mean = self._mean_innovation
+        self._bias_nis = float(mean @ np.linalg.solve(S, mean))
+        self._sigma_h_m += 0.5 * forget * (fix.sigma_h_m - self._sigma_h_m)
+
+    def _fading(self) -> float:
+        """Factor by which P grows at a fix, when innovations keep to one side."""
+        return min(max(self._bias_nis, 1.0), MAX_FADING)
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""

@@ -30,6 +30,11 @@ FLOOR_FACTOR: Final = 0.5
 CEILING_FACTOR: Final = 2.5
 """How far learning may move a threshold from its start value."""
 
+_LATEST_STEPS: Final = 5
+LEAVING_RADPS: Final = math.radians(0.5)
+LEAVING_MPS2: Final = 0.2
+"""Mean of the latest fifth of a second against the window's."""
+
 MAX_BIAS_DEVIATION_RADPS: Final = math.radians(1.0)
 """A slow turn is no rest: a roundabout at walking pace turns 5 deg/s."""
 
@@ -138,6 +143,7 @@ class StandstillDetector:
             and self._accel_std < self.accel_threshold_mps2
             and deviation < MAX_BIAS_DEVIATION_RADPS + 3.0 * gyro_bias_sigma_radps
             and abs(math.hypot(*accel) - GRAVITY_MPS2) < MAX_GRAVITY_DEVIATION_MPS2
+            and not self._is_leaving(gyro, accel)
         )
         if not is_quiet or self._is_contradicted(step.t_ns, speed_mps, speed_sigma_mps):
             self._rest_since_ns = None
@@ -155,6 +161,24 @@ class StandstillDetector:
         while step.t_ns - steps[0].t_ns > WINDOW_NS:
             sums = _added(sums, steps.popleft(), -1.0)
         self._sums = sums
+
+    def _is_leaving(self, gyro: Vec3, accel: Vec3) -> bool:
+        """Whether the latest steps differ from the window: a car pulls off.
+
+        The window's deviations see it only when half a second of it was lost.
+        """
+        latest = [self._steps[-i] for i in range(1, _LATEST_STEPS + 1)]
+        n = sum(s.n_samples for s in latest)
+        gyro_sums = [
+            sum(c) / n for c in zip(*(s.gyro_sum_radps for s in latest), strict=True)
+        ]
+        accel_sums = [
+            sum(c) / n for c in zip(*(s.accel_sum_mps2 for s in latest), strict=True)
+        ]
+        return (
+            math.dist(gyro_sums, gyro) > LEAVING_RADPS
+            or math.dist(accel_sums, accel) > LEAVING_MPS2
+        )
 
     def _is_contradicted(
         self, t_ns: int, speed_mps: float, speed_sigma_mps: float
