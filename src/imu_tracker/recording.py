@@ -208,8 +208,9 @@ class LiveRecordingWriter(FrameWriter):
 
     def write_header(self, header: SessionHeader) -> None:
         """Start a session; a file begun by rotation starts with the same header."""
-        super().write_header(header)
+        self.flush()
         self._file.head = self._packed(format_header(header))
+        super().write_header(header)
 
     def tick(self, now_ns: int) -> None:
         """Sync when due, try again after a failure; call it at every turn."""

@@ -255,10 +255,22 @@ def test_a_full_disk_is_reported_once_and_loses_nothing(
     log.close()
 
     assert path.read_text() == content(*range(31))
-    assert not log.is_failing
     assert caplog.text.count("is written again") == 1
     assert log.counters["rows"] == 31
     assert 0 < log.counters["write_failures"] <= 10
+
+
+def test_a_disk_with_little_room_takes_what_fits(path: Path, disk: SmallDisk) -> None:
+    log = opened(path, 0)
+    disk.free_bytes = 0
+    write(log, *range(1, 100))
+    for second in range(0, 500, 5):
+        disk.free_bytes = 2 * ROW_BYTES - 1  # a row and most of another
+        log.tick(second * SECOND_NS)
+    assert not log.is_failing
+    log.close()
+
+    assert path.read_text() == content(*range(100))
 
 
 def test_a_failing_disk_is_survived(

@@ -11,7 +11,7 @@ import fcntl
 import logging
 import os
 import stat
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -87,7 +87,8 @@ class AppendFile:
         self._sync_ns = int(limits.sync_s * 1e9)
         self._max_bytes = limits.max_mb * 1e6
         self._min_free_bytes = limits.min_free_mb * 1e6
-        self._waiting = bytearray()
+        self._waiting: deque[bytes] = deque()
+        self._waiting_bytes = 0
         self._is_failing = False
         self._fd: int | None = None
         self._inode = (0, 0)  # device and number of the file that is open
@@ -118,18 +119,22 @@ class AppendFile:
     def append(self, records: bytes) -> bool:
         """Append whole records at once; False when they are lost, memory being full."""
         if self._fd is None:
-            if len(self._waiting) + len(records) > MAX_WAITING_BYTES:
-                return False
-            self._waiting += records
-            return True
+            return self._keep(records)
         try:
             self._write(self._fd, records)
         except OSError as error:
-            self._waiting += records
             self._fail(error)
-        else:
-            if self._size >= self._rotate_at_bytes:
-                self._rotate(self._fd)
+            return self._keep(records)
+        if self._size >= self._rotate_at_bytes:
+            self._rotate(self._fd)
+        return True
+
+    def _keep(self, records: bytes) -> bool:
+        """Keep records in memory; what is there already comes first."""
+        if self._waiting_bytes + len(records) > MAX_WAITING_BYTES:
+            return False
+        self._waiting.append(records)
+        self._waiting_bytes += len(records)
         return True
 
     def is_due(self, now_ns: int) -> bool:
@@ -181,7 +186,7 @@ class AppendFile:
         self.rotated.close()
         os.close(self._lock)
         if self._waiting:
-            log.warning("%s: %d bytes are lost", self.path, len(self._waiting))
+            log.warning("%s: %d bytes are lost", self.path, self._waiting_bytes)
 
     def _open(self) -> None:
         """Open the path for appending, and append what has waited."""
@@ -193,7 +198,7 @@ class AppendFile:
                 raise OutputError(f"{self.path}: must be a regular file")
             inode = (found.st_dev, found.st_ino)
             if self._is_failing and inode == self._inode:
-                # A part may be whole lines, but the rest waits with them in memory.
+                # Part of a write: perhaps whole lines, but all of it waits in memory.
                 os.ftruncate(fd, min(self._size, found.st_size))
             with os.fdopen(fd, "rb", closefd=False) as file:
                 size = self._layout.whole_size(file)
@@ -202,9 +207,9 @@ class AppendFile:
                 self._inode, self._size = inode, size
                 if not size and self.head:
                     self._write(fd, self.head)
-                if self._waiting:
-                    self._write(fd, self._waiting)
-                    self._waiting.clear()
+                while self._waiting:
+                    self._write(fd, self._waiting[0])
+                    self._waiting_bytes -= len(self._waiting.popleft())
                 os.fsync(fd)
                 sync_directory(self.path.parent)
         except BaseException:
@@ -225,7 +230,7 @@ class AppendFile:
             log.warning("%s: cut off a torn tail of %d bytes", self.path, surplus)
             os.ftruncate(fd, size)
 
-    def _write(self, fd: int, data: bytes | bytearray) -> None:
+    def _write(self, fd: int, data: bytes) -> None:
         """Write all or raise; a part that was written is cut off before the next."""
         written = os.write(fd, data)
         if written != len(data):
