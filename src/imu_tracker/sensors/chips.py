@@ -76,11 +76,6 @@ class Chip(NamedTuple):
     fifo_bytes: int
     is_known: bool = True
 
-    def low_pass(self, bandwidth_hz: float) -> LowPass:
-        """Return the setting whose bandwidth is nearest."""
-        table = self.family.value.low_pass
-        return min(table, key=lambda row: abs(row.bandwidth_hz - bandwidth_hz))
-
     def to_mpu6050(self, burst: bytes) -> bytes:
         """Rewrite the temperature field into the counts of the MPU-6050.
 

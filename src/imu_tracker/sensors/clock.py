@@ -48,27 +48,28 @@ class Pacer:
     ----------
     clock : Clock
     period_ns : int
-        Distance of the slots; the first is one period from now.
-
-    Attributes
-    ----------
-    missed_ticks : int
-        Slots that went by while the owner was busy.
+        Distance of the slots; the first is one period from now. The owner may change
+        it: it counts from the next slot on.
     """
 
     def __init__(self, clock: Clock, period_ns: int) -> None:
-        self._clock, self._period_ns, self.missed_ticks = clock, period_ns, 0
+        self._clock, self.period_ns, self._missed_ticks = clock, period_ns, 0
         self._next_ns = clock.now_ns() + period_ns
 
     def wait(self, stop: Event | None = None) -> bool:
         """Wait for the next slot or for `stop`; return whether `stop` is set."""
         late_ns = self._clock.now_ns() - self._next_ns
-        skipped = max(0, late_ns) // self._period_ns
-        self.missed_ticks += skipped
-        self._next_ns += skipped * self._period_ns
+        skipped = max(0, late_ns) // self.period_ns
+        self._missed_ticks += skipped
+        self._next_ns += skipped * self.period_ns
         is_stopped = self._clock.sleep_until_ns(self._next_ns, stop)
-        self._next_ns += self._period_ns
+        self._next_ns += self.period_ns
         return is_stopped
+
+    def take_missed(self) -> int:
+        """Return how many slots went by unused since the last call."""
+        missed, self._missed_ticks = self._missed_ticks, 0
+        return missed
 
 
 class Backoff:

@@ -92,6 +92,10 @@ class Fifo:
         translated = [self._chip.to_mpu6050(frame) for frame in frames]
         return Drain(DrainOutcome.FRAMES, translated, before_ns, after_ns)
 
+    def distrust(self) -> None:
+        """Start anew at the next drain."""
+        self._is_in_doubt = True
+
     def restart(self) -> None:
         """Empty the FIFO and let it run, in the one order that is safe."""
         self._is_in_doubt = True

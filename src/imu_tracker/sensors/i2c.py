@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
-from imu_tracker.errors import DeviceNotFoundError, TrackerError
+from imu_tracker.errors import DeviceNotFoundError
 
 if TYPE_CHECKING:
     from smbus2 import SMBus, i2c_msg
@@ -89,8 +89,8 @@ def read_long(bus: I2CBus, address: int, register: int, length: int) -> bytes:
     return bytes(data)
 
 
-def explain(error: TrackerError) -> str:
-    """Add to a bus error what its errno means on a real desk."""
+def explain(error: Exception) -> str:
+    """Say what went wrong, and for a transfer what its errno means on a real desk."""
     cause = error.__cause__
     if not isinstance(cause, OSError) or cause.errno is None:
         return str(error)

@@ -52,14 +52,8 @@ def plan(chip: Chip, settings: ImuSettings) -> Setup:
     ConfigError
         When the chip cannot do anything like it.
     """
-    low_pass = chip.low_pass(settings.bandwidth_hz)
+    low_pass = _low_pass(chip, settings)
     divider = round(low_pass.internal_hz / settings.rate_hz) - 1
-    if not 0 <= divider <= 0xFF:
-        raise ConfigError(
-            f"imu.rate_hz = {settings.rate_hz:g}: must be "
-            f"{low_pass.internal_hz / 256:g} to {low_pass.internal_hz} with "
-            f"imu.bandwidth_hz = {low_pass.bandwidth_hz}"
-        )
     accel_range = _index(ACCEL_RANGES_G, "accel_range_g", settings.accel_range_g)
     gyro_range = _index(GYRO_RANGES_DPS, "gyro_range_dps", settings.gyro_range_dps)
     registers = {
@@ -75,6 +69,17 @@ def plan(chip: Chip, settings: ImuSettings) -> Setup:
     if chip.family.value.has_own_accel_filter:
         registers[Reg.ACCEL_CONFIG_2] = A_DLPF_CFG.put(low_pass.dlpf_cfg)
     return Setup(low_pass, low_pass.internal_hz / (divider + 1), registers)
+
+
+def _low_pass(chip: Chip, settings: ImuSettings) -> LowPass:
+    """Choose the nearest bandwidth among the filters that allow the rate."""
+    table = chip.family.value.low_pass
+    able = [
+        row for row in table if 1 <= round(row.internal_hz / settings.rate_hz) <= 256
+    ]
+    if not able:
+        raise ConfigError(f"imu.rate_hz = {settings.rate_hz:g}: must be 4 to 1000")
+    return min(able, key=lambda row: abs(row.bandwidth_hz - settings.bandwidth_hz))
 
 
 def _index(allowed: tuple[int, ...], key: str, value: int) -> int:
