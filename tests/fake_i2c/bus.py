@@ -121,9 +121,9 @@ class FakeBus:
     def write_byte_data(self, address: int, register: int, value: int, /) -> None:
         is_lost = self.transfers in self._lost
         chip, _ = self._begin(address, register, 1)
+        self._spend(3)
         if not is_lost:
             chip.write(register, value)
-        self._spend(3)
 
     def i2c_rdwr(self, *messages: i2c_msg) -> None:
         """Serve what the driver needs: a register to begin with, then a read."""
@@ -137,10 +137,11 @@ class FakeBus:
 
     def _read(self, address: int, register: int, length: int) -> bytes:
         chip, flip = self._begin(address, register, length)
+        self._spend(3)  # address, register, address: then the chip takes a snapshot
         data = bytearray(chip.read(register, length))
         if flip:
             data[flip.byte % length] ^= 1 << flip.bit
-        self._spend(3 + length)
+        self._spend(length)
         return bytes(data)
 
     def _begin(
