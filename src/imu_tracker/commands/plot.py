@@ -1,0 +1,156 @@
+"""`imu-tracker plot`: a picture of a log or of a recording."""
+
+import argparse
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from imu_tracker.commands.common import Subparsers, add_command, refuse_to_overwrite
+from imu_tracker.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from imu_tracker.plots.recording import RecordingColumns
+    from imu_tracker.plots.tracks import LogColumns
+
+log = logging.getLogger(__name__)
+
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+_RECORDING_MAGIC: Final = b"# imu-tracker recording"
+
+_DESCRIPTION = """\
+Draw lat/long logs: the track with its circles of error, and below it speed and r95 over
+time. Logs that follow one another, as rotated ones do, make one track; logs of the
+same time are compared. With --truth, the true track and the true error, too.
+
+Or draw a recording: the chip's raw axes, its temperature, and the receiver's fixes."""
+
+_EXAMPLES = """\
+  imu-tracker plot drive.csv --output drive.png
+  imu-tracker plot drive.csv --truth truth.csv --output drive.png
+  imu-tracker plot latlong-*.csv.gz latlong.csv --output week.png
+  imu-tracker plot vehicle.csv free.csv --output compared.png
+  imu-tracker plot drive.rec --output raw.png"""
+
+
+def add_plot(subparsers: Subparsers) -> None:
+    """Add the command."""
+    parser = add_command(
+        subparsers, "plot", "draw a log or a recording", _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="lat/long logs, or one recording; plain or gzip",
+    )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="CSV",
+        help="a table with the columns time_utc,lat_deg,lon_deg",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        required=True,
+        metavar="PNG",
+        help="the picture; .svg and .pdf work, too",
+    )
+    parser.set_defaults(run=run_plot)
+
+
+def run_plot(args: argparse.Namespace) -> int:
+    """Draw."""
+    refuse_to_overwrite([args.output], [*args.files, args.truth])
+    if any(map(_is_recording, args.files)):
+        if len(args.files) > 1 or args.truth is not None:
+            raise UsageError("a recording is drawn alone, and without --truth")
+        from imu_tracker.plots.recording import plot_recording
+
+        plot_recording(_recording(args.files[0]), args.output)
+    else:
+        from imu_tracker.plots.tracks import plot_tracks
+        from imu_tracker.scoring import read_truth
+
+        truth = None if args.truth is None else read_truth(args.truth)
+        plot_tracks([_log(path) for path in args.files], args.output, truth)
+    log.info("%s: written", args.output)
+    return 0
+
+
+def _is_recording(path: Path) -> bool:
+    """Tell by the first bytes; what cannot be read is left to the reader to say."""
+    import gzip
+
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_RECORDING_MAGIC))
+        if start.startswith(_GZIP_MAGIC):
+            with gzip.open(path) as packed:
+                start = packed.read(len(_RECORDING_MAGIC))
+    except (OSError, EOFError):
+        return False
+    return start == _RECORDING_MAGIC
+
+
+def _log(path: Path) -> "LogColumns":
+    from imu_tracker.outputs.latlong import read_log
+    from imu_tracker.plots.tracks import LogColumns
+    from imu_tracker.scoring import Track
+
+    columns = read_log(path)
+    if not len(columns.utc_s):
+        raise LogError(f"{path}: no rows to draw")
+    track = Track(columns.utc_s, columns.lat_deg, columns.lon_deg)
+    return LogColumns(path.name, track, columns.speed_mps, columns.r95_m, columns.mode)
+
+
+def _recording(path: Path) -> "RecordingColumns":
+    """Decode a recording in the chip's own axes."""
+    import numpy as np
+
+    from imu_tracker.calibration.counts import CountsModel
+    from imu_tracker.plots.recording import RecordingColumns
+    from imu_tracker.recording import read_recording
+    from imu_tracker.samples import GpsFix, SessionHeader, Source
+    from imu_tracker.scenes import Stopwatch
+    from imu_tracker.sensors.nmea import EpochReader
+
+    stopwatch = Stopwatch()
+    epochs = EpochReader()
+    imu, fixes, no_fixes = [], [], []
+    last_epochs = 0
+    for item in read_recording(path):
+        elapsed_s = stopwatch.read(item)
+        if isinstance(item, SessionHeader):
+            as_printed = ("+x", "+y", "+z")
+            counts = CountsModel(item.accel_range_g, item.gyro_range_dps, as_printed)
+        elif item.source is Source.IMU:
+            sample = counts.decode(item.t_ns, item.data)
+            imu.append(
+                (elapsed_s, *sample.accel_mps2, *sample.gyro_radps, sample.temp_degc)
+            )
+        elif item.source is Source.GPS:
+            positions = epochs.feed(item.t_ns, item.data)
+            fixes += [
+                (elapsed_s, position.sigma_h_m)
+                for position in positions
+                if isinstance(position, GpsFix)
+            ]
+            without = epochs.counters["epochs_without_fix"]
+            if without > last_epochs:
+                no_fixes.append(elapsed_s)
+                last_epochs = without
+    t_s, ax, ay, az, gx, gy, gz, temp_degc = np.array(imu).reshape(-1, 8).T
+    fix_s, sigma_m = np.array(fixes).reshape(-1, 2).T
+    return RecordingColumns(
+        path.name,
+        t_s,
+        np.column_stack([ax, ay, az]),
+        np.column_stack([gx, gy, gz]),
+        temp_degc,
+        fix_s,
+        sigma_m,
+        np.array(no_fixes),
+    )

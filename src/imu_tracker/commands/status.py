@@ -1,0 +1,133 @@
+"""`imu-tracker status`: what the running daemon is doing."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from imu_tracker.commands.common import (
+    Subparsers,
+    add_command,
+    add_config,
+    config_of,
+    write,
+)
+from imu_tracker.errors import NotRunningError
+
+STALE_S: Final = 5.0
+"""The daemon writes each second; after this long it hangs, or is gone."""
+
+_CLEAR: Final = "\x1b[H\x1b[2J"
+
+_DESCRIPTION = """\
+Show what the running daemon is doing: the last row, the sensors, the counters. Exit
+code 69 when no daemon runs, or when it stopped writing."""
+
+_EXAMPLES = """\
+  imu-tracker status
+  imu-tracker status --watch
+  imu-tracker status --config config/demo.toml
+  imu-tracker status --json | jq .row"""
+
+
+def add_status(subparsers: Subparsers) -> None:
+    """Add the command."""
+    parser = add_command(
+        subparsers, "status", "what the daemon is doing", _DESCRIPTION, _EXAMPLES
+    )
+    add_config(parser)
+    parser.add_argument("--json", action="store_true", help="print the JSON object")
+    parser.add_argument(
+        "--watch", action="store_true", help="show it anew each second until Ctrl-C"
+    )
+    parser.set_defaults(run=run_status)
+
+
+def run_status(args: argparse.Namespace) -> int:
+    """Print the status once, or each second."""
+    path = config_of(args).status.path
+    if not args.watch:
+        write(_page(path, is_json=args.json))
+        return 0
+    clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
+    try:
+        while True:
+            write(clear + _page(path, is_json=args.json))
+            sys.stdout.flush()
+            time.sleep(1)
+    except KeyboardInterrupt:
+        return 0
+
+
+def _page(path: Path, *, is_json: bool) -> str:
+    text, status = read_status(path)
+    return f"{text.strip()}\n" if is_json else "\n".join(_lines(status)) + "\n"
+
+
+def read_status(path: Path) -> tuple[str, dict[str, Any]]:
+    """Read what the daemon wrote just now, as text and as an object.
+
+    Raises
+    ------
+    NotRunningError
+        When there is no daemon, or it stopped writing.
+    """
+    try:
+        text = path.read_text("utf-8")
+        status = json.loads(text)
+        age_s = (time.monotonic_ns() - status["t_ns"]) / 1e9
+    except FileNotFoundError as error:
+        raise NotRunningError(f"imu-tracker is not running: no {path}") from error
+    except OSError as error:
+        raise NotRunningError(f"{path}: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise NotRunningError(f"{path}: not a status of imu-tracker") from error
+    if age_s < 0:  # CLOCK_MONOTONIC began anew
+        raise NotRunningError(
+            f"imu-tracker is not running: {path} is of before the last start of "
+            "this computer"
+        )
+    if age_s > STALE_S:
+        pid = status.get("pid")
+        is_alive = isinstance(pid, int) and Path(f"/proc/{pid}").exists()
+        what = f"imu-tracker hangs (process {pid})" if is_alive else "not running"
+        raise NotRunningError(f"{what}: {path} is {age_s:.0f} s old")
+    return text, status
+
+
+def _lines(status: dict[str, Any]) -> Iterator[str]:
+    """Lay the object out for people: what stands alone first, then the groups."""
+    groups = {key: value for key, value in status.items() if isinstance(value, dict)}
+    yield from _table({k: v for k, v in status.items() if k not in groups}, indent="")
+    for name, group in groups.items():
+        yield ""
+        yield _words(name)
+        yield from _table(group, indent="  ")
+
+
+def _table(values: dict[str, Any], indent: str) -> Iterator[str]:
+    shown = {_words(key): value for key, value in values.items() if key != "t_ns"}
+    width = max(map(len, shown), default=0)
+    for key, value in shown.items():
+        yield f"{indent}{key:{width}}  {_text(value)}"
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
+
+
+def _text(value: object) -> str:
+    match value:
+        case None:
+            return "-"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.10g}"
+        case list():
+            return ", ".join(map(_text, value)) or "-"
+        case _:
+            return str(value)

@@ -1,0 +1,469 @@
+"""The configuration: one frozen model per table of the TOML file.
+
+`load_config` reads a file and the `--set` overrides, and raises one `ConfigError`
+that holds every problem, a line each, the key first. What a newcomer gets wrong:
+a key that nobody wrote is not the same as a key that holds the default. A recording
+knows its own mount and profile, and only what was written overrules it, so
+`Config.tracker_settings` asks `model_fields_set`.
+"""
+
+import difflib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, date, datetime, time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import ErrorDetails
+
+from imu_tracker.calibration.counts import parse_mount
+from imu_tracker.errors import ConfigError
+from imu_tracker.samples import DEFAULT_MOUNT, Mount, SessionHeader
+
+if TYPE_CHECKING:
+    from imu_tracker.estimation.tracker import TrackerSettings
+
+NOT_AVAILABLE: Final[Mapping[str, tuple[str, ...]]] = {
+    "gps.latency_s": ("auto",),
+    "filter.estimator": ("error-state",),
+    "filter.profile": ("auto",),
+}
+"""Values that have a meaning, but not in this version."""
+
+CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
+
+GYRO_RATE_HZ: Final = 1000
+"""What the chip divides by a whole number, with its low-pass filter on."""
+
+
+def _path(value: object) -> object:
+    if not isinstance(value, str) or "\0" in value:
+        return value
+    return Path(value).expanduser() if value else None
+
+
+def _date(value: object) -> object:
+    if isinstance(value, str) and value:
+        return date.fromisoformat(value).isoformat()
+    return value.isoformat() if type(value) is date else value
+
+
+def _instant(value: object) -> object:
+    """Take what TOML or a string calls a time; without a zone it is UTC."""
+    if isinstance(value, str) and value:
+        value = datetime.fromisoformat(value)
+    elif type(value) is date:
+        value = datetime.combine(value, time())
+    if isinstance(value, datetime):
+        value = value if value.tzinfo else value.replace(tzinfo=UTC)
+        return value.astimezone(UTC).isoformat().replace("+00:00", "Z")
+    return value
+
+
+def _tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _not_a_lookalike(value: object) -> object:
+    """Refuse true for 1 and 4.0 for 4, which a Literal takes."""
+    if isinstance(value, bool | float):
+        raise ValueError
+    return value
+
+
+def _right_handed(mount: Mount) -> Mount:
+    try:
+        parse_mount(mount)
+    except ConfigError as error:
+        reason = str(error).rpartition(": ")[2]
+        raise ValueError(f"must be a way to turn the chip: {reason}") from error
+    return mount
+
+
+def _position(value: str) -> str:
+    if value:
+        lat_deg, lon_deg = map(float, value.split(","))
+        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+            raise ValueError
+    return value
+
+
+Exact = BeforeValidator(_not_a_lookalike)
+FilePath = Annotated[Path, BeforeValidator(_path)]
+OptionalPath = Annotated[Path | None, BeforeValidator(_path)]
+IsoDate = Annotated[str, BeforeValidator(_date)]
+IsoInstant = Annotated[str, BeforeValidator(_instant)]
+Position = Annotated[str, AfterValidator(_position)]
+MountAxes = Annotated[Mount, BeforeValidator(_tuple), AfterValidator(_right_handed)]
+Offset = Annotated[float, Field(ge=-100, le=100)]
+LeverArm = Annotated[tuple[Offset, Offset, Offset], BeforeValidator(_tuple)]
+
+Bandwidth = Literal[260, 256, 188, 184, 98, 94, 44, 42, 21, 20, 10, 5]
+Baud = Literal["auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800]
+Scenario = Literal["still", "walk-line", "walk-square", "roundabout", "drive"]
+
+
+def _key(default: Any, allowed: str, **limits: Any) -> Any:
+    """Declare a key; `allowed` completes the sentence "must be ..."."""
+    return Field(default, description=allowed, **limits)
+
+
+class Table(BaseModel):
+    """What all tables share: unknown keys and lax types are refused."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        strict=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        validate_default=True,
+    )
+
+
+class SourceConfig(Table):
+    """`[source]`: where the frames come from."""
+
+    kind: Literal["hardware", "simulation", "recording"] = _key(
+        "hardware", '"hardware", "simulation" or "recording"'
+    )
+    scenario: Scenario = _key(
+        "drive", '"still", "walk-line", "walk-square", "roundabout" or "drive"'
+    )
+    seed: int = _key(0, "a whole number, 0 or more", ge=0)
+    duration_s: float = _key(
+        0, "from 0 to 1000000 s; 0 is the scenario's own length", ge=0, le=1e6
+    )
+    path: OptionalPath = _key(None, 'the path of a recording, or ""')
+    speed: float = _key(1.0, "from 0.01 to 1000 times real time", ge=0.01, le=1000)
+    start_utc: IsoInstant = _key(
+        "", 'an instant like "2026-11-22T12:00:00Z", or "" for what the recording says'
+    )
+
+    @field_validator("path", mode="after")
+    @classmethod
+    def _a_recording_has_a_path(cls, path: Path | None, info: Any) -> Path | None:
+        if path is None and info.data.get("kind") == "recording":
+            raise ValueError('must name the recording when source.kind = "recording"')
+        return path
+
+
+class ImuConfig(Table):
+    """`[imu]`: the MPU-6050, its bus and how it is mounted."""
+
+    bus: int = _key(1, "the number N of /dev/i2c-N", ge=0, le=255)
+    address: int = _key(0x68, "0x68 (pin AD0 low) or 0x69 (AD0 high)", ge=0x68, le=0x69)
+    rate_hz: float = _key(
+        100.0, "1000 / n for a whole n from 1 to 125: 1000, 500, 250, 200, 125, 100 ..."
+    )
+    accel_range_g: Annotated[Literal[2, 4, 8, 16], Exact] = _key(4, "2, 4, 8 or 16")
+    gyro_range_dps: Annotated[Literal[250, 500, 1000, 2000], Exact] = _key(
+        500, "250, 500, 1000 or 2000"
+    )
+    bandwidth_hz: Annotated[Bandwidth, Exact] = _key(
+        42, "a bandwidth of the chip: 256, 188, 98, 42, 20, 10 or 5"
+    )
+    read: Literal["fifo", "burst"] = _key("fifo", '"fifo" or "burst"')
+    mount: MountAxes = _key(
+        DEFAULT_MOUNT, 'three chip axes, like ["+x", "-y", "-z"] or ["+y", "+x", "-z"]'
+    )
+    calibration: OptionalPath = _key(CALIBRATION, 'a path, or "" for none')
+    allow_unknown_chip: bool = _key(False, "true or false")
+
+    @field_validator("calibration", mode="after")
+    @classmethod
+    def _none_can_be_read_yet(cls, path: Path | None) -> Path | None:
+        if path not in (None, CALIBRATION):
+            raise ValueError(
+                "must be left out: calibration files are not available in this version"
+            )
+        return path
+
+    @field_validator("rate_hz", mode="after")
+    @classmethod
+    def _the_chip_can_divide(cls, rate_hz: float) -> float:
+        divider = round(GYRO_RATE_HZ / rate_hz) if rate_hz > 0 else 0
+        if not 1 <= divider <= 125:
+            raise ValueError
+        exact_hz = GYRO_RATE_HZ / divider
+        if not math.isclose(rate_hz, exact_hz, rel_tol=1e-3):
+            raise ValueError(
+                f"must be 1000 / n for a whole n; the nearest is {exact_hz:.6g}"
+            )
+        return rate_hz
+
+
+class GpsConfig(Table):
+    """`[gps]`: the receiver, its port and its antenna."""
+
+    port: str = _key(
+        "/dev/serial0", 'a device, or "socket://HOST:PORT"', pattern=r"^\S+$"
+    )
+    baud: Annotated[Baud, Exact] = _key(
+        "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
+    )
+    latency_s: float = _key(0.2, "from 0 to 2 s", ge=0, le=2)
+    lever_arm_m: LeverArm = _key(
+        (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"
+    )
+    date: IsoDate = _key("", 'a date like "2026-11-22", or ""')
+
+    @field_validator("port", mode="after")
+    @classmethod
+    def _a_socket_has_a_port(cls, port: str) -> str:
+        if port.startswith("socket://") and not re.fullmatch(
+            r"socket://[^/:\s]+:\d{1,5}/?", port
+        ):
+            raise ValueError("must be socket://HOST:PORT, like socket://localhost:2947")
+        return port
+
+
+class FilterConfig(Table):
+    """`[filter]`: the estimator and what it may assume."""
+
+    estimator: Literal["six-state"] = _key("six-state", '"six-state"')
+    profile: Literal["free", "vehicle", "walker"] = _key(
+        "free", '"free", "vehicle" or "walker"'
+    )
+    start: Position = _key(
+        "", 'a position "lat,lon" in degrees, like "51.99,4.37", or ""'
+    )
+    start_radius_m: float = _key(50.0, "from 0.1 to 1000000 m", ge=0.1, le=1e6)
+
+
+class LogConfig(Table):
+    """`[log]`: the lat/long log, the product of the program."""
+
+    path: FilePath = _key(
+        Path("/var/log/imu-tracker/latlong.csv"), "the path of a file"
+    )
+    rate_hz: Annotated[Literal[1, 2, 4, 5, 8, 10], Exact] = _key(
+        4, "1, 2, 4, 5, 8 or 10"
+    )
+    sync_s: float = _key(5.0, "from 0 to 3600 s", ge=0, le=3600)
+    max_mb: float = _key(16.0, "from 0.01 to 4096 MB", ge=0.01, le=4096)
+    min_free_mb: float = _key(500.0, "from 0 to 1000000 MB", ge=0, le=1e6)
+
+
+class RecordConfig(Table):
+    """`[record]`: raw capture beside the tracking."""
+
+    path: OptionalPath = _key(None, 'the path of a recording, or "" for none')
+
+
+class StatusConfig(Table):
+    """`[status]`: the file that `imu-tracker status` reads."""
+
+    path: FilePath = _key(Path("/run/imu-tracker/status.json"), "the path of a file")
+
+
+class Config(Table):
+    """The whole file."""
+
+    source: SourceConfig = SourceConfig()
+    imu: ImuConfig = ImuConfig()
+    gps: GpsConfig = GpsConfig()
+    filter: FilterConfig = FilterConfig()
+    log: LogConfig = LogConfig()
+    record: RecordConfig = RecordConfig()
+    status: StatusConfig = StatusConfig()
+
+    @model_validator(mode="after")
+    def _outputs_differ(self) -> "Config":
+        outputs = {"log.path": self.log.path, "status.path": self.status.path}
+        if self.record.path is not None:
+            outputs["record.path"] = self.record.path
+        seen: dict[Path, str] = {}
+        for key, path in outputs.items():
+            if path in seen:
+                raise ValueError(f"{key} and {seen[path]}: must be different files")
+            seen[path] = key
+        return self
+
+    def tracker_settings(
+        self, header: SessionHeader | None = None
+    ) -> "TrackerSettings":
+        """Translate into what the estimator wants.
+
+        A header's mount and profile hold unless others are written here; its absence
+        is a live session.
+        """
+        from imu_tracker.estimation.tracker import TrackerSettings
+
+        mount, profile = self.imu.mount, str(self.filter.profile)
+        if header is not None and "mount" not in self.imu.model_fields_set:
+            mount = header.mount or mount
+        if header is not None and "profile" not in self.filter.model_fields_set:
+            profile = header.profile or profile
+        lat_lon = [math.radians(float(x)) for x in self.filter.start.split(",") if x]
+        return TrackerSettings(
+            estimator=self.filter.estimator,
+            profile=profile,
+            latency_s=self.gps.latency_s,
+            lever_arm_m=self.gps.lever_arm_m,
+            rate_hz=self.log.rate_hz,
+            mount=mount,
+            gps_date=self.gps.date,
+            start=(lat_lon[0], lat_lon[1]) if lat_lon else None,
+            start_radius_m=self.filter.start_radius_m,
+        )
+
+    def amended(self, header: SessionHeader) -> SessionHeader:
+        """Return the header with the start that is written here, if one is."""
+        if not self.source.start_utc:
+            return header
+        start_utc_s = datetime.fromisoformat(self.source.start_utc).timestamp()
+        return header._replace(start_utc_s=start_utc_s)
+
+    def advice(self) -> list[str]:
+        """Say what is allowed and yet unwise, a line each."""
+        if self.imu.bandwidth_hz < self.imu.rate_hz / 2:
+            return []
+        return [
+            f"imu.bandwidth_hz = {self.imu.bandwidth_hz}: vibration above half of "
+            f"imu.rate_hz = {self.imu.rate_hz:g} folds into the signal; "
+            f"better below {self.imu.rate_hz / 2:g}"
+        ]
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+    """Read the file, lay the `--set` overrides over it, and check everything.
+
+    Raises
+    ------
+    ConfigError
+        With every problem, a line each. A missing file is one, too: a service
+        must not be started again and again for it.
+    """
+    tables = _read(path) if path is not None else {}
+    problems = []
+    for text in overrides:
+        try:
+            table, key, value = _parse_override(text)
+        except ConfigError as error:
+            problems.append(str(error))
+            continue
+        if isinstance(known := tables.setdefault(table, {}), dict):
+            known[key] = value
+    try:
+        config = Config.model_validate(tables)
+    except ValidationError as error:
+        problems += _describe(error.errors(), tables)
+    if problems:
+        raise ConfigError("\n".join(problems))
+    return config
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: no such file") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{path}: line {line}: not UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: {_toml_problem(error)}") from error
+
+
+def _toml_problem(error: tomllib.TOMLDecodeError) -> str:
+    """Put the place first: `line 3, column 7: invalid value`."""
+    what, _, where = str(error).rpartition(" (at ")
+    where = where.rstrip(")").replace("end of document", "end of the file")
+    return f"{where}: {what[:1].lower()}{what[1:]}" if what else str(error)
+
+
+def _parse_override(text: str) -> tuple[str, str, Any]:
+    """Split `table.key=value`; a value that is not TOML is a bare word."""
+    name, equals, value = text.partition("=")
+    table, _, key = name.strip().partition(".")
+    if not (equals and table and key):
+        raise ConfigError(
+            f"--set {text}: must be TABLE.KEY=VALUE, like filter.profile=vehicle"
+        )
+    try:
+        parsed = tomllib.loads(f"value = {value.strip()}")
+    except tomllib.TOMLDecodeError:
+        parsed = {}
+    return table, key, parsed["value"] if len(parsed) == 1 else value.strip()
+
+
+def _describe(errors: Iterable[ErrorDetails], tables: Mapping[str, Any]) -> list[str]:
+    """Turn pydantic's findings into our lines, one for each key."""
+    lines = {error["loc"][:2]: "" for error in errors}
+    for error in errors:
+        loc = error["loc"][:2]
+        lines[loc] = lines[loc] or _line(error, tables)
+    return list(lines.values())
+
+
+def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
+    table, key, *_ = [str(part) for part in error["loc"][:2]] + ["", ""]
+    said = str(error["ctx"]["error"]) if error["type"] == "value_error" else ""
+    if not table:
+        return said
+    if table not in Config.model_fields:
+        return _unknown(table, tables[table])
+    if not key:
+        return f"{table} = {_toml(tables[table])}: must be a table, [{table}]"
+    fields = Config.model_fields[table].annotation.model_fields  # type: ignore[union-attr]
+    if key not in fields:
+        return f"{table}.{key}: no such key{_hint(key, fields)}"
+    value = tables.get(table, {}).get(key, "")
+    where = f"{table}.{key} = {_toml(value, is_hex=key == 'address')}"
+    if value in NOT_AVAILABLE.get(f"{table}.{key}", ()):
+        return (
+            f"{where}: not available in this version; must be {fields[key].description}"
+        )
+    # What we say ourselves begins with "must"; float() and the like know less.
+    ours = said if said.startswith("must") else f"must be {fields[key].description}"
+    return f"{where}: {ours}"
+
+
+def _unknown(name: str, value: Any) -> str:
+    if isinstance(value, dict):
+        return f"[{name}]: no such table{_hint(name, Config.model_fields)}"
+    homes = [f"[{table}]" for table, key, _ in keys() if key == name]
+    advice = f"it belongs below {' or '.join(homes)}" if homes else "every key has one"
+    return f"{name} = {_toml(value)}: stands outside of a table; {advice}"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+
+
+def _toml(value: Any, *, is_hex: bool = False) -> str:
+    """Write a value as the file would."""
+    match value:
+        case bool() | str():
+            return json.dumps(value, ensure_ascii=False)
+        case int() if is_hex:
+            return f"0x{value:02X}"
+        case list():
+            return f"[{', '.join(map(_toml, value))}]"
+        case dict():
+            return "{...}"
+        case _:
+            return str(value)
+
+
+def keys() -> Iterator[tuple[str, str, Any]]:
+    """Yield table, key and default of everything that can be configured."""
+    for table, field in Config.model_fields.items():
+        for key, default in field.default:
+            yield table, key, default

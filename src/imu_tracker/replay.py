@@ -1,0 +1,106 @@
+"""A whole stream through the pipeline, and what is to be told about it afterwards."""
+
+import logging
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from imu_tracker.config import Config
+from imu_tracker.pipeline import Pipeline
+from imu_tracker.samples import Frame, NavState, SessionHeader
+from imu_tracker.scenes import Outage, Stopwatch
+from imu_tracker.scoring import Track, score
+
+log = logging.getLogger(__name__)
+
+
+class Replay:
+    """Tracks a recording; each header in it begins a session.
+
+    Parameters
+    ----------
+    config : Config
+        What is written in it overrules the headers.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._pipeline: Pipeline | None = None
+        self._stopwatch = Stopwatch()
+        self._sessions = 0
+        self._elapsed_s = 0.0
+        self._zero_utc_s: float | None = None  # of the first frame
+        self._counters: Counter[str] = Counter()  # of the sessions that are over
+        # utc_s, lat_deg, lon_deg, r95_m: a month of rows takes 330 MB
+        self._columns = tuple(array("d") for _ in range(4))
+
+    def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
+        """Yield the rows of the log; their times grow, also from session to session."""
+        last_utc_s = float("-inf")
+        for item in stream:
+            self._elapsed_s = self._stopwatch.read(item)
+            if isinstance(item, SessionHeader):
+                self._begin(item)
+                continue
+            if self._pipeline is None:
+                raise ValueError("a stream begins with its header")
+            for state in self._pipeline.feed(item):
+                if state.utc_s > last_utc_s:
+                    last_utc_s = state.utc_s
+                    self._keep(item, state)
+                    yield state
+            self._tell()
+
+    def summary(self) -> str:
+        """Say in one line what came of it."""
+        rows = len(self._columns[0])
+        fixes = self._all_counters()["fixes"]
+        return f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
+
+    def result(self) -> dict[str, Any]:
+        """Return figures for machines: what was seen, and what was learnt last."""
+        learnt = self._pipeline.report() if self._pipeline is not None else {}
+        learnt.pop("counters", None)
+        return {
+            "duration_s": self._elapsed_s,
+            "sessions": self._sessions,
+            "rows": len(self._columns[0]),
+            "counters": dict(self._all_counters()),
+            "learnt": learnt,
+        }
+
+    def score(self, truth: Track, outages: Sequence[Outage]) -> dict[str, Any]:
+        """Score the rows; the outages count from the first frame."""
+        utc_s, lat_deg, lon_deg, r95_m = (np.array(column) for column in self._columns)
+        track = Track(utc_s, lat_deg, lon_deg)
+        return score(track, r95_m, truth, outages, self._zero_utc_s)
+
+    def _begin(self, header: SessionHeader) -> None:
+        if self._pipeline is not None:
+            self._counters += self._pipeline.counters
+        header = self._config.amended(header)
+        if self._sessions == 0:
+            self._zero_utc_s = header.start_utc_s
+        self._sessions += 1
+        self._pipeline = Pipeline(header, self._config.tracker_settings(header))
+
+    def _keep(self, item: Frame, state: NavState) -> None:
+        if self._zero_utc_s is None:
+            row_s = self._elapsed_s - (item.t_ns - state.t_ns) / 1e9
+            self._zero_utc_s = state.utc_s - row_s
+        row = state.utc_s, degrees(state.lat_rad), degrees(state.lon_rad), state.r95_m
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
+
+    def _tell(self) -> None:
+        if self._pipeline is not None:
+            for notice in self._pipeline.take_notices():
+                log.info("at %.1f s: %s", self._elapsed_s, notice)
+
+    def _all_counters(self) -> Counter[str]:
+        now = self._pipeline.counters if self._pipeline is not None else Counter()
+        return self._counters + now

@@ -1,0 +1,128 @@
+"""Pictures: that they are drawn, whatever the track; how they look, people judge."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imu_tracker.errors import OutputError
+from imu_tracker.plots.drawing import MAX_POINTS, envelope, runs
+from imu_tracker.plots.recording import RecordingColumns, plot_recording
+from imu_tracker.plots.tracks import LogColumns, _circles, _joined, plot_tracks
+from imu_tracker.scoring import Track
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def a_log(rows: int, name: str = "drive.csv", start_s: float = 1.8e9) -> LogColumns:
+    t_s = np.arange(rows) / 4.0
+    phase = t_s / 60.0
+    mode = np.array(["still", "gps", "dr", "gpsonly"])[(t_s // 20 % 4).astype(int)]
+    return LogColumns(
+        name,
+        Track(start_s + t_s, 52.0 + 0.01 * np.sin(phase), 4.0 + 0.01 * np.cos(phase)),
+        np.full(rows, 5.0),
+        np.where(mode == "dr", 4.0 + (t_s % 20.0) ** 2, 4.0),
+        mode,
+    )
+
+
+def shifted(track: Track) -> Track:
+    return track._replace(lat_deg=track.lat_deg + 1e-5)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 10, 50_000])
+def test_a_log_of_any_length_becomes_a_picture(tmp_path: Path, rows: int) -> None:
+    log = a_log(rows)
+    plot_tracks([log], tmp_path / "a.png")
+    plot_tracks([log], tmp_path / "b.png", shifted(log.track))
+    for name in ("a.png", "b.png"):
+        assert (tmp_path / name).read_bytes().startswith(PNG)
+
+
+def test_a_parked_tracker_becomes_a_picture(tmp_path: Path) -> None:
+    log = a_log(400)
+    still = log._replace(
+        track=Track(log.track.utc_s, np.full(400, 52.0), np.full(400, 4.0)),
+        speed_mps=np.zeros(400),
+        mode=np.full(400, "still"),
+        r95_m=np.full(400, 4.0),
+    )
+    plot_tracks([still], tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(PNG)
+
+
+def test_logs_of_the_same_time_are_compared(tmp_path: Path) -> None:
+    logs = [a_log(400, "a.csv"), a_log(500, "b.csv")]
+    assert _joined(logs) == logs
+    plot_tracks(logs, tmp_path / "a.png", shifted(logs[0].track))
+    assert (tmp_path / "a.png").read_bytes().startswith(PNG)
+
+
+def test_logs_that_follow_one_another_are_one_track() -> None:
+    late, early = a_log(4, "late.csv", 1.9e9), a_log(8, "early.csv", 1.8e9)
+    (joined,) = _joined([late, early])
+    assert joined.name == "early.csv to late.csv"
+    assert len(joined.track.utc_s) == len(joined.mode) == 12
+    assert (np.diff(joined.track.utc_s) > 0).all()
+
+
+def test_truth_of_another_day_does_not_hurt(tmp_path: Path) -> None:
+    log = a_log(400)
+    truth = log.track._replace(utc_s=log.track.utc_s + 86400.0)
+    plot_tracks([log], tmp_path / "a.png", truth)
+    assert (tmp_path / "a.png").exists()
+
+
+def test_a_parked_tracker_gets_one_circle() -> None:
+    log = a_log(10_000)._replace(r95_m=np.full(10_000, 4.0))
+    assert len(_circles(log, np.zeros((10_000, 2)))) == 1
+
+
+def test_the_end_of_an_outage_gets_a_circle() -> None:
+    log = a_log(1000)
+    east_m = np.arange(1000.0) * 100.0
+    points = np.column_stack([east_m, east_m])
+    last_of_outage = 60 * 4 - 1  # gps from 20 s, dr from 40 s, gpsonly from 60 s on
+    assert last_of_outage in _circles(log, points)
+
+
+@pytest.mark.parametrize("n", [0, 100, 50_000])
+def test_a_recording_becomes_a_picture(tmp_path: Path, n: int) -> None:
+    t_s = np.arange(n) / 100.0
+    wave = np.sin(t_s)[:, None] * np.ones(3)
+    fixes = np.arange(0.0, n / 100.0)
+    columns = RecordingColumns(
+        "a.rec", t_s, wave, wave, t_s, fixes, fixes + 1.0, np.empty(0)
+    )
+    plot_recording(columns, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(PNG)
+
+
+def test_thinning_keeps_every_peak() -> None:
+    values = np.zeros(1_000_000)
+    values[123_456], values[765_432] = 1.0, -1.0
+    shown = envelope(values)
+    assert len(shown) <= MAX_POINTS
+    assert {123_456, 765_432} <= set(shown.tolist())
+
+
+def test_runs_are_found_also_at_the_ends() -> None:
+    holds = np.array([True, True, False, True, False, False, True])
+    assert list(runs(holds)) == [(0, 2), (3, 4), (6, 7)]
+    assert list(runs(~holds)) == [(2, 3), (4, 6)]
+    assert list(runs(np.zeros(0, bool))) == []
+
+
+def test_a_directory_that_is_not_there_is_an_error_of_the_output(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(OutputError, match="No such file"):
+        plot_tracks([a_log(4)], tmp_path / "none" / "a.png")
+
+
+def test_a_kind_of_picture_that_nobody_knows_is_an_error_of_the_output(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(OutputError, match="not a kind of picture"):
+        plot_tracks([a_log(4)], tmp_path / "a.bmpx")
