@@ -153,6 +153,25 @@ def test_a_single_nack_costs_nothing_but_a_count(bench: Bench) -> None:
     assert reader.health()["bus_errors"] == 1
 
 
+def test_loose_wiring_is_lived_with(bench: Bench) -> None:
+    for second in range(2, 20):
+        bench.at(second, bench.bus.nack)
+    reader = bench.read(20)
+    assert bench.events == ["imu_ready"]
+    assert reader.health()["bus_errors"] == 18
+    assert reader.health()["reinitialisations"] == 0
+
+
+def test_a_short_disturbance_costs_a_reinitialisation_and_no_event(
+    bench: Bench,
+) -> None:
+    bench.bus.fail_between(5 * S, round(5.06 * S))
+    reader = bench.read(10)
+    assert bench.events == ["imu_ready"]
+    assert reader.health()["reinitialisations"] <= 1
+    assert bench.longest_gap_s() < 0.6
+
+
 def test_a_fifo_read_that_breaks_off_costs_a_restart(bench: Bench) -> None:
     bench.at(5, lambda: bench.bus.nack(after=2, taken=9))
     reader = bench.read(10)

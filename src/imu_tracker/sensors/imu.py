@@ -1,10 +1,11 @@
 """The thread that reads the IMU, and never gives up.
 
-The policy for faults lives here, the driver only raises. A doubt costs a restart of
-the FIFO; a second one soon after, a full re-initialisation; if that does not help,
-the IMU is lost: the bus is closed, and opened again with a back-off, for ever. What
-a newcomer gets wrong: an adapter that was unplugged and plugged back works, but the
-old file descriptor never will again.
+The policy for faults lives here, the driver only raises. A transfer that fails is
+tried again at the next tick; a doubt about what the chip delivers costs a restart of
+the FIFO. A second one in a row costs a full re-initialisation. If that does not help,
+the IMU is lost: the bus is closed, and opened again with a back-off, for ever. What a
+newcomer gets wrong: an adapter that was unplugged and plugged back works, but the old
+file descriptor never will again.
 """
 
 from collections import Counter
@@ -167,30 +168,38 @@ class ImuReader:
         now_ns = self._clock.now_ns()
         pacer = Pacer(self._clock, source.period_ns)
         watch = FrameWatch(source.period_ns, self._counts)
-        scrub_ns, doubted_until_ns = now_ns + SCRUB_NS, now_ns
+        scrub_ns, doubted_until_ns, has_failed = now_ns + SCRUB_NS, now_ns, False
         while not pacer.wait(self._stop):
             self.turned_ns = now_ns = self._clock.now_ns()
             self._counts["missed_ticks"] += pacer.take_missed()
-            frames: list[Frame] = []
             try:
-                frames, doubt = source.read()
-                if suspicion := watch.look(frames):
-                    source.restart()
-                    doubt = suspicion
+                doubt = self._pass_on(source, watch)
                 if now_ns >= scrub_ns:
-                    scrub_ns = now_ns + SCRUB_NS
                     if not imu.is_configured():
                         return "the chip lost its configuration: did its power fail?"
+                    scrub_ns = now_ns + SCRUB_NS
             except BusError as error:
-                doubt = self._describe(error)
-            if watch.is_alive and frames:
-                self._deliver(frames, source.rate_hz)
-            pacer.period_ns = source.period_ns
+                reason = self._describe(error)
+                if has_failed:
+                    return reason
+                has_failed = True
+                continue
+            has_failed = False
             if doubt and now_ns < doubted_until_ns:
                 return doubt
             if doubt:
                 doubted_until_ns = now_ns + HEALTHY_NS
+            pacer.period_ns = source.period_ns
         return ""
+
+    def _pass_on(self, source: ImuSource, watch: FrameWatch) -> str:
+        """Deliver what is new; return why the chip is to be doubted, or ""."""
+        frames, doubt = source.read()
+        if suspicion := watch.look(frames):
+            source.restart()
+        if watch.is_alive and frames:
+            self._deliver(frames, source.rate_hz)
+        return doubt or suspicion
 
     def _deliver(self, frames: list[Frame], rate_hz: float) -> None:
         self.rate_hz = rate_hz
