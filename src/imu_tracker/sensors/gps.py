@@ -39,11 +39,7 @@ class GpsState(StrEnum):
 
 
 class GpsHealth(NamedTuple):
-    """A snapshot of the reader.
-
-    `detail` is the last fault of the port. `turned_ns` is when its loop last turned;
-    connecting to a host may hold it up for 5 s.
-    """
+    """A snapshot of the reader; `detail` is the last fault of the port."""
 
     state: GpsState
     detail: str
@@ -52,7 +48,6 @@ class GpsHealth(NamedTuple):
     lines: int
     sentences: int
     reopens: int
-    turned_ns: int
 
 
 class GpsReader:
@@ -64,8 +59,10 @@ class GpsReader:
         A device, or `socket://host:port`.
     baud : int or "auto"
     put : callable
-        Takes a frame for each line, and for the events `gps_open PORT`,
-        `gps_lost REASON` and `gps_baud N`.
+        Takes each frame, in the thread of the reader; must not block. Events say
+        `gps_open <port>` when bytes begin to come, `gps_lost <reason>` when they
+        end, `gps_baud <speed>` when it was found; and `gps_failed <error>` as the
+        last word of a bug, see `error`.
     clock : Clock
     open_port : callable, optional
         Opens a path at a speed; a test gives its own.
@@ -73,7 +70,10 @@ class GpsReader:
     Attributes
     ----------
     error : BaseException or None
-        What ended the thread although nothing should: for the loop to raise.
+        The bug that ended the thread; for the loop to raise.
+    turned_ns : int
+        When the thread last began something; it does so every few seconds even
+        when a host does not answer.
     """
 
     def __init__(
@@ -94,21 +94,23 @@ class GpsReader:
         self._is_lost: bool | None = None  # as told by the last event
         self._detail = ""
         self._counts: Counter[str] = Counter()
-        self._turned_ns = self._heard_ns = self._understood_ns = clock.now_ns()
+        self.turned_ns = self._heard_ns = self._understood_ns = clock.now_ns()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="gps", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run_and_confess, name="gps", daemon=True
+        )
         self.error: BaseException | None = None
 
     def start(self) -> None:
-        """Begin to listen."""
+        """Begin to listen in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end."""
+        """Ask the thread to end; returns at once."""
         self._stop.set()
 
     def join(self, timeout_s: float | None = None) -> None:
-        """Wait for the thread to end."""
+        """Wait until the thread has ended."""
         self._thread.join(timeout_s)
 
     def is_alive(self) -> bool:
@@ -125,7 +127,6 @@ class GpsReader:
             lines=self._counts["lines"],
             sentences=self._counts["sentences"],
             reopens=max(0, self._counts["opens"] - 1),
-            turned_ns=self._turned_ns,
         )
 
     def _state(self) -> GpsState:
@@ -139,16 +140,21 @@ class GpsReader:
         is_clear = now_ns - self._understood_ns <= QUIET_NS
         return GpsState.OK if is_clear else GpsState.GARBAGE
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Listen until stopped; what the thread does, and a test may do without one."""
+        while not self._stop.is_set():
+            self._visit()
+
+    def _run_and_confess(self) -> None:
         try:
-            while not self._stop.is_set():
-                self._visit()
-        except BaseException as error:  # noqa: BLE001 - the loop raises it
+            self.run()
+        except BaseException as error:  # noqa: BLE001 - handed to the loop
             self.error = error
+            self._tell("gps_failed", repr(error))
 
     def _visit(self) -> None:
         """Open the port and listen until it is gone; then pause."""
-        self._turned_ns = self._clock.now_ns()
+        self.turned_ns = self._clock.now_ns()
         try:
             with closing(self._open_port(self._path, self._baud)) as port:
                 self._counts["opens"] += 1
@@ -173,18 +179,18 @@ class GpsReader:
         lines = self._begin(port)
         while not self._stop.is_set():
             chunk = port.read()
-            self._turned_ns = self._clock.now_ns()
+            self.turned_ns = self._clock.now_ns()
             if chunk:
-                sentences = self._deliver(chunk, lines.feed(chunk, self._turned_ns))
+                sentences = self._deliver(chunk, lines.feed(chunk, self.turned_ns))
                 was_found = search.is_found
-                if search.hear(self._turned_ns, sentences):
+                if search.hear(self.turned_ns, sentences):
                     self._baud = search.baud
                     port.set_baud(search.baud)
                     port.discard()
                     lines = self._begin(port)
                 elif search.is_found and not was_found:
                     self._tell("gps_baud", str(search.baud))
-            elif self._turned_ns - self._heard_ns > DEAD_NS:
+            elif self.turned_ns - self._heard_ns > DEAD_NS:
                 raise TimeoutError(f"silent for {DEAD_NS // SECOND_NS} s")
 
     def _begin(self, port: GpsPort) -> TimedLines:
@@ -193,14 +199,14 @@ class GpsReader:
 
     def _deliver(self, chunk: bytes, frames: list[Frame]) -> int:
         """Pass lines on and return how many are good sentences."""
-        self._heard_ns = self._turned_ns
+        self._heard_ns = self.turned_ns
         self._backoff.reset()
         self._tell_lost(is_lost=False, text=self._path)
         for frame in frames:
             self._put(frame)
         sentences = sum(_is_sentence(frame.data) for frame in frames)
         if sentences:
-            self._understood_ns = self._turned_ns
+            self._understood_ns = self.turned_ns
         self._counts.update(bytes=len(chunk), lines=len(frames), sentences=sentences)
         return sentences
 

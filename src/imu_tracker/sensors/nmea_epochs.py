@@ -33,7 +33,10 @@ ACCURACY_OF_QUALITY: Final = {
 }
 UNKNOWN_HDOP: Final = 2.5  # poor, so that a silent receiver is not believed too much
 
-_BY_DIGITS: Final = ("GLL", "RMC", "GGA", "GNS")
+# Receivers repeat one place in all kinds of sentence. Gateways that mix sources do
+# not, and GLL is then nearest to its time. Only GGA tells the kinds of RTK apart.
+_PLACE_FROM: Final = ("GLL", "GGA", "RMC", "GNS", "VTG", "GST")
+_REST_FROM: Final = ("GGA", "GNS", "RMC", "GLL", "VTG", "GST")
 
 
 class Epoch:
@@ -76,15 +79,16 @@ class Epoch:
     def fix(self) -> GpsFix | None:
         """Join what the sentences say, but the date; None without a position."""
         reports = [report for report in self.reports if report.has_fix is not False]
-        reports.sort(key=lambda report: _RANK.get(report.kind, len(_RANK)))
-        if (lat_lon_rad := _first(reports, "lat_lon_rad")) is None:
+        place = _first(_in_order(_PLACE_FROM, reports), "lat_lon_rad")
+        if place is None:
             return None
+        reports = _in_order(_REST_FROM, reports)
         quality = _first(reports, "quality") or 1
         return GpsFix(
             t_ns=self.t_ns,
             utc_s=None,
-            lat_rad=lat_lon_rad[0],
-            lon_rad=lat_lon_rad[1],
+            lat_rad=place[0],
+            lon_rad=place[1],
             alt_m=_first(reports, "alt_m"),
             vel_ne_mps=_first(reports, "vel_ne_mps"),
             sigma_h_m=_first(reports, "sigma_m")
@@ -93,7 +97,8 @@ class Epoch:
         )
 
 
-_RANK: Final = {kind: rank for rank, kind in enumerate(_BY_DIGITS)}
+def _in_order(kinds: tuple[str, ...], reports: list[Report]) -> list[Report]:
+    return sorted(reports, key=lambda report: kinds.index(report.kind))
 
 
 def _first(reports: list[Report], field: str) -> Any:

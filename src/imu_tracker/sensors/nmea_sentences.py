@@ -218,7 +218,7 @@ def _midnight_s(year: str, month: str, day: str) -> float | None:
     """Return the UTC at which a day begins; None when it is blank or none."""
     try:
         ordinal = date(int(year), int(month), int(day)).toordinal()
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
     return (ordinal - date(1970, 1, 1).toordinal()) * 86400.0
 
