@@ -1,0 +1,79 @@
+"""The daemon: `run` puts the parts together and ends only when it is told to.
+
+Sensors that are missing, die or come back never end it, and nothing that it can log
+is lost when it ends. Retrying lives in the sensor threads, estimating in `pipeline`,
+surviving the disk in `outputs.appendfile`; here they only meet.
+"""
+
+import logging
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING
+
+from imu_tracker.daemon.supervision import Notify, Signals, systemd_notify
+from imu_tracker.sensors.clock import Clock, MonotonicClock
+
+if TYPE_CHECKING:
+    from imu_tracker.config import Config
+    from imu_tracker.daemon.feeds import ImuFactory
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    config: "Config",
+    *,
+    clock: Clock | None = None,
+    signals: Signals | None = None,
+    notify: Notify | None = None,
+    imu_reader: "ImuFactory | None" = None,
+) -> int:
+    """Track until SIGTERM or SIGINT, or until what is played is over.
+
+    Parameters
+    ----------
+    config : Config
+    clock, signals, notify, imu_reader : optional
+        For tests: the time, who says when to end, who hears of it, and how to read a
+        chip on another bus.
+
+    Returns
+    -------
+    int
+        The exit code: 0.
+
+    Raises
+    ------
+    OutputError
+        When the log or the raw capture cannot be opened, or another daemon has it.
+    ConfigError
+        When the recording that is to be played is missing or malformed.
+    """
+    with signals or Signals() as told, ExitStack() as outputs:
+        # From here on SIGTERM ends it with 0; these take a second or two on a Pi.
+        from imu_tracker import hardware
+        from imu_tracker.daemon.feeds import open_feed
+        from imu_tracker.daemon.loop import Loop
+        from imu_tracker.outputs.appendfile import Limits
+        from imu_tracker.outputs.latlong import LatLongLog
+        from imu_tracker.recording import LiveRecordingWriter
+
+        told.defer()
+        limits = Limits(config.log.sync_s, config.log.max_mb, config.log.min_free_mb)
+        latlong = outputs.enter_context(
+            closing(LatLongLog(config.log.path, **limits._asdict()))
+        )
+        recorder = None
+        if config.record.path is not None:
+            recorder = outputs.enter_context(
+                LiveRecordingWriter(config.record.path, limits)
+            )
+        for advice in config.advice():
+            log.warning("%s", advice)
+        clock = clock or MonotonicClock()
+        feed = outputs.enter_context(
+            closing(open_feed(config, clock, imu_reader or hardware.imu_reader))
+        )
+        log.info("begun: %s to %s", config.source.kind, config.log.path)
+        notify = notify or systemd_notify()
+        Loop(config, feed, latlong, recorder, told, clock, notify).run()
+    return 0

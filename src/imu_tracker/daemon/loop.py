@@ -1,0 +1,244 @@
+"""The one loop: frames in, rows out, and everything that goes with it.
+
+A turn takes what the feed has, keeps it when a raw capture is wanted, estimates, and
+appends the rows that became due. Once a second it reports to systemd and to the status
+file, once a minute to the journal. Nothing in here waits for a sensor.
+"""
+
+import logging
+import os
+from collections import Counter
+from typing import Any, Final
+
+from imu_tracker.config import Config
+from imu_tracker.daemon.feeds import Feed
+from imu_tracker.daemon.status import VERSION, StatusFile, disk_free_mb, row_of
+from imu_tracker.daemon.supervision import Notify, Signals
+from imu_tracker.outputs.latlong import LatLongLog
+from imu_tracker.pipeline import Pipeline
+from imu_tracker.recording import LiveRecordingWriter
+from imu_tracker.samples import Frame, NavState, SessionHeader, Source
+from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock, Pacer
+
+TURN_NS: Final = 40 * MILLISECOND_NS
+HEALTH_NS: Final = 60 * SECOND_NS
+LATE_NS: Final = 500 * MILLISECOND_NS
+"""A row that is older than this when it is written is counted as late."""
+
+_BAD_ENDS: Final = ("_lost", "_failed", "_overrun")
+"""Events whose word ends so are warnings."""
+
+_USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
+
+log = logging.getLogger(__name__)
+
+
+class Loop:
+    """Tracks until it is told to end, or the feed is over.
+
+    Parameters
+    ----------
+    config : Config
+    feed : Feed
+    latlong : LatLongLog
+    recorder : LiveRecordingWriter, optional
+        Keeps the frames as they came.
+    signals, clock, notify
+        What the outside says, the time, and how to tell systemd.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        feed: Feed,
+        latlong: LatLongLog,
+        recorder: LiveRecordingWriter | None,
+        signals: Signals,
+        clock: Clock,
+        notify: Notify,
+    ) -> None:
+        self._config, self._feed = config, feed
+        self._latlong, self._recorder = latlong, recorder
+        self._signals, self._clock, self._notify = signals, clock, notify
+        self._status = StatusFile(config.status.path)
+        self._pipeline: Pipeline | None = None
+        self._row: NavState | None = None
+        self._late_rows = 0
+        self._past: Counter[str] = Counter()  # of the sessions that are over
+        self._hang = ""
+        self._start_ns = self._second_ns = clock.now_ns()
+        self._health_ns = self._start_ns + HEALTH_NS
+        self._told: Counter[str] = Counter()  # by the last line about the health
+        self._used_fixes, self._fix_ns = 0, self._start_ns
+
+    def run(self) -> None:
+        """Turn until the end; then write what is left."""
+        pacer = Pacer(self._clock, TURN_NS)
+        self._notify("READY=1")
+        try:
+            while not (self._signals.is_stop or self._feed.is_over):
+                self.turn()
+                pacer.wait()
+            self._notify("STOPPING=1")
+            self._feed.close()
+            self._take()
+        finally:
+            self._status.remove()
+        what = "told to" if self._signals.is_stop else f"{self._source} is over"
+        log.info("ended: %s; %d rows", what, self._latlong.counters["rows"])
+
+    def turn(self) -> None:
+        """Do what is due now."""
+        if self._signals.take_reopen():
+            log.info("told to open the files anew")
+            self._latlong.reopen()
+            if self._recorder is not None:
+                self._recorder.reopen()
+        self._take()
+        now_ns = self._clock.now_ns()
+        self._latlong.tick(now_ns)
+        if self._recorder is not None:
+            self._recorder.tick(now_ns)
+        if now_ns >= self._second_ns:
+            self._second_ns = now_ns + SECOND_NS
+            self._each_second(now_ns)
+        if now_ns >= self._health_ns:
+            self._health_ns = now_ns + HEALTH_NS
+            self._tell_health()
+
+    # ------------------------------------------------------------- frames to rows
+
+    def _take(self) -> None:
+        items, complete_ns = self._feed.take()
+        for item in items:
+            if isinstance(item, SessionHeader):
+                self._begin(item)
+            else:
+                self._on_frame(item)
+        if self._pipeline is None:
+            return
+        if complete_ns is not None:
+            self._write(self._pipeline.advance(complete_ns))
+        for notice in self._pipeline.take_notices():
+            log.info("%s", notice)
+
+    def _begin(self, header: SessionHeader) -> None:
+        if self._pipeline is not None:
+            self._past += self._pipeline.counters
+        if self._recorder is not None:
+            self._recorder.write_header(header)
+        settings = self._config.tracker_settings(header)
+        self._pipeline = Pipeline(header, settings, live=self._feed.is_live)
+
+    def _on_frame(self, frame: Frame) -> None:
+        if self._pipeline is None:
+            raise ValueError("a stream begins with its header")
+        if self._recorder is not None:
+            self._recorder.write(frame)
+        if frame.source is Source.EVENT:
+            self._tell_event(frame.data.decode("ascii", "replace"))
+        if rows := self._pipeline.feed(frame):
+            self._write(rows)
+
+    def _write(self, rows: list[NavState]) -> None:
+        for row in rows:
+            self._latlong.write(row)
+            self._row = row
+        if rows and self._feed.is_live:
+            late_ns = self._clock.now_ns() - LATE_NS
+            self._late_rows += sum(row.t_ns < late_ns for row in rows)
+
+    def _tell_event(self, text: str) -> None:
+        word, _, rest = text.partition(" ")
+        is_bad = word.endswith(_BAD_ENDS)
+        level = logging.WARNING if is_bad else logging.INFO
+        log.log(level, "%s: %s", word.replace("_", " "), rest)
+
+    # ------------------------------------------------------------ each second, minute
+
+    def _each_second(self, now_ns: int) -> None:
+        """Report to systemd and the status file."""
+        hang = self._feed.hang()
+        if not hang:
+            self._notify("WATCHDOG=1")
+        elif hang != self._hang:
+            log.error("%s: the watchdog is not fed", hang)
+        self._hang = hang
+        counters = self._counters()
+        used_fixes = sum(counters[name] for name in _USED)
+        if used_fixes != self._used_fixes:
+            self._used_fixes, self._fix_ns = used_fixes, now_ns
+        self._notify(f"STATUS={self._summary()}")
+        self._status.write(self._describe(now_ns, counters))
+
+    def _tell_health(self) -> None:
+        counters = self._counters()
+        news = Counter(counters)
+        news.subtract(self._told)
+        self._told = counters
+        counted = ", ".join(f"{name} {n}" for name, n in sorted(news.items()) if n)
+        log.info("%s; in the last minute: %s", self._summary(), counted or "nothing")
+
+    @property
+    def _source(self) -> str:
+        return self._config.source.kind
+
+    @property
+    def _state(self) -> str:
+        if self._row is not None:
+            return "tracking"
+        return "starting" if self._pipeline is None else "waiting for the first fix"
+
+    def _summary(self) -> str:
+        if self._row is None:
+            return self._state
+        return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+
+    def _counters(self) -> Counter[str]:
+        total = Counter(self._past)
+        if self._pipeline is not None:
+            total.update(self._pipeline.counters)
+        total.update(self._latlong.counters)
+        total["late_rows"] = self._late_rows
+        if self._recorder is not None:
+            recorded = self._recorder.counters
+            total.update({f"recording_{name}": n for name, n in recorded.items()})
+        for sensor, health in self._feed.health().items():
+            for name, n in health.items():
+                if type(n) is int and name != "baud":
+                    total[f"{sensor}_{name}"] = n
+        return total
+
+    def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
+        """Return the status, see `status`."""
+        row, health = self._row, self._feed.health()
+        learnt = {} if self._pipeline is None else self._pipeline.report()
+        learnt.pop("counters", None)
+        return {
+            "version": VERSION,
+            "pid": os.getpid(),
+            "t_ns": now_ns,
+            "uptime_s": (now_ns - self._start_ns) // SECOND_NS,
+            "source": self._source,
+            "state": self._state,
+            "mode": None if row is None else row.mode,
+            "r95_m": None if row is None else row_of(row)["r95_m"],
+            "row_age_s": (
+                round((now_ns - row.t_ns) / SECOND_NS, 3)
+                if row is not None and self._feed.is_live
+                else None
+            ),
+            "fix_age_s": (
+                (now_ns - self._fix_ns) // SECOND_NS if self._used_fixes else None
+            ),
+            "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
+            "disk_free_mb": disk_free_mb(self._config.log.path),
+            "row": None if row is None else row_of(row),
+            **health,
+            "log": {
+                "path": str(self._config.log.path),
+                "is_failing": self._latlong.is_failing,
+            },
+            "counters": dict(sorted(counters.items())),
+            "learnt": learnt,
+        }

@@ -1,0 +1,110 @@
+"""What `imu-tracker status` reads: one JSON object, replaced as a whole each second.
+
+Version 1 of the object, all keys always there::
+
+    version, pid     1; the process
+    t_ns             CLOCK_MONOTONIC at writing: older than 5 s means that it hangs
+    uptime_s         since the start of the daemon
+    source           "hardware", "simulation" or "recording"
+    state            "starting", "waiting for the first fix" or "tracking"
+    mode, r95_m      of the last row; null before
+    row_age_s        since the instant of the last row; null unless hardware
+    fix_age_s        since a fix was used, to the second; null before
+    imu_rate_hz      samples per second, measured; 0 while there are none
+    disk_free_mb     where the log is; null when it cannot be told
+    row              the last row, by the columns of the log; null before
+    imu, gps, queue  how each sensor is; absent for other sources
+    log              path, is_failing (rows wait in memory: the disk takes none)
+    counters         everything that was counted since the start, by name
+    learnt           what the estimator found out
+
+A key may come without a new version; one that goes or changes its meaning brings it.
+"""
+
+import json
+import logging
+import math
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from imu_tracker.outputs.appendfile import make_directories
+from imu_tracker.outputs.latlong import HEADER, format_row
+from imu_tracker.samples import NavState
+
+VERSION: Final = 1
+
+_MODE: Final = 0o640
+
+log = logging.getLogger(__name__)
+
+
+class StatusFile:
+    """The file, replaced as a whole; one that cannot be written is no fault."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._new = path.with_name(f".{path.name}.new")
+        self._is_failing = False
+
+    def write(self, status: Mapping[str, Any]) -> None:
+        """Replace what stands there."""
+        text = json.dumps(_plain(status), allow_nan=False)
+        try:
+            make_directories(self._path.parent)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
+            with os.fdopen(
+                os.open(self._new, flags, _MODE), "w", encoding="utf-8"
+            ) as file:
+                file.write(f"{text}\n")
+            self._new.replace(self._path)
+        except OSError as error:
+            if not self._is_failing:
+                reason = error.strerror or error
+                log.warning(
+                    "%s: no status is written: %s; set status.path", self._path, reason
+                )
+            self._is_failing = True
+        else:
+            self._is_failing = False
+
+    def remove(self) -> None:
+        """Leave nothing behind that looks like a daemon."""
+        for path in (self._path, self._new):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
+def row_of(state: NavState) -> dict[str, Any]:
+    """Return a row by the columns of the log: what it says, in its precision."""
+    texts = dict(zip(HEADER.split(","), format_row(state).split(","), strict=True))
+    words = {key: texts.pop(key) for key in ("time_utc", "mode")}
+    return {
+        "time_utc": words["time_utc"],
+        **{key: float(text) if text else None for key, text in texts.items()},
+        "mode": words["mode"],
+    }
+
+
+def disk_free_mb(path: Path) -> int | None:
+    """Return the space that is left for the log, in MB of 10^6 bytes."""
+    try:
+        disk = os.statvfs(path.parent)
+    except OSError:
+        return None
+    return disk.f_bavail * disk.f_frsize // 1_000_000
+
+
+def _plain(value: Any) -> Any:
+    """Put null where JSON has no number."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {key: _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case _:
+            return value
