@@ -6,7 +6,7 @@ from math import degrees, radians
 import pytest
 
 from imu_tracker.samples import GpsFix, UtcTime
-from imu_tracker.sensors.nmea import DATELESS_FIXES, EpochReader, Positions
+from imu_tracker.sensors.nmea import TOLD_AFTER, EpochReader, Positions
 from imu_tracker.sensors.nmea_sentences import MPS_PER_KNOT
 from nmea_text import gga, gll, rmc, sentence
 
@@ -212,6 +212,15 @@ def test_sentences_that_contradict_each_other_are_no_fix(lines: list[bytes]) -> 
     assert reader.counters["contradictory_epochs"] == 1
 
 
+def test_a_receiver_that_always_contradicts_itself_is_named_once() -> None:
+    reader = EpochReader()
+    for second in range(2 * TOLD_AFTER):
+        feed(reader, second * S, rmc(tod(second)), gga(tod(second), quality="0"))
+    assert reader.take_notices() == [
+        "the receiver's sentences disagree about having a fix"
+    ]
+
+
 def test_one_constellation_without_a_fix_contradicts_nothing() -> None:
     reader = EpochReader()
     feed(
@@ -293,7 +302,7 @@ def test_a_recording_dates_a_receiver_without_dates_across_midnight() -> None:
 
 def test_missing_dates_are_said_once_and_not_at_the_first_fix() -> None:
     reader = EpochReader()
-    for second in range(DATELESS_FIXES):
+    for second in range(TOLD_AFTER):
         assert reader.take_notices() == []
         feed(reader, second * S, gga(tod(second)))
     reader.advance(99 * S)

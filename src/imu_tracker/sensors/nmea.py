@@ -19,8 +19,12 @@ from imu_tracker.sensors.nmea_sentences import Report, read_sentence
 __all__ = ["EpochReader", "LineSplitter"]
 
 REMEMBERED_EPOCHS: Final = 4  # two sources on one wire lag each other by a second
-DATELESS_FIXES: Final = 10  # a receiver may send its date every few seconds only
+TOLD_AFTER: Final = 10  # a receiver may send its date every few seconds only
 _PLACES: Final = frozenset({"RMC", "GGA", "GNS", "GLL"})
+_NOTICES: Final = {
+    "fixes_without_date": "the receiver sends no date: set gps.date",
+    "contradictory_epochs": "the receiver's sentences disagree about having a fix",
+}
 
 Positions: TypeAlias = list[GpsFix | UtcTime]
 
@@ -147,7 +151,7 @@ class EpochReader:
         self._has_fix = fix is not None
         if fix is None:
             kind = "contradictory_epochs" if len(verdicts) > 1 else "epochs_without_fix"
-            self.counters[kind] += 1
+            self._count(kind)
             return self._utc_time(epoch.t_ns, epoch.tod_s)
         if epoch.tod_s in self._given:
             self.counters["repeated_epochs"] += 1
@@ -159,10 +163,14 @@ class EpochReader:
     def _dated(self, fix: GpsFix, tod_s: float) -> GpsFix:
         utc_s = self._calendar.utc_s(fix.t_ns, tod_s)
         if utc_s is None:
-            self.counters["fixes_without_date"] += 1
-            if self.counters["fixes_without_date"] == DATELESS_FIXES:
-                self._notices["the receiver sends no date: set gps.date"] = False
+            self._count("fixes_without_date")
         return fix._replace(utc_s=utc_s)
+
+    def _count(self, kind: str) -> None:
+        """Count an epoch; when a kind that a person should know of persists, say so."""
+        self.counters[kind] += 1
+        if self.counters[kind] == TOLD_AFTER and kind in _NOTICES:
+            self._notices[_NOTICES[kind]] = False
 
     def _utc_time(self, t_ns: int, tod_s: float | None) -> Positions:
         if tod_s is None or not self._calendar.is_known:
