@@ -14,7 +14,7 @@ from collections import Counter
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.rotation import IDENTITY, to_rotation_vector
-from imu_tracker.samples import ImuSample, Quat, Vec3
+from imu_tracker.samples import ImuSample, Vec3
 
 STEP_NS: Final = 40_000_000
 """Length of a step. A car changes its acceleration at some m/s^3: within 40 ms the
@@ -74,25 +74,16 @@ class Preintegrator:
     def __init__(self) -> None:
         self.gyro_bias_radps: Vec3 = (0.0, 0.0, 0.0)
         self.counters: Counter[str] = Counter()
-        self._last: ImuSample | None = None  # the last one integrated
         self._previous: ImuSample | None = None  # the last one seen
         self._n_equal = 0
-        self._begin(-1)
-
-    def _begin(self, t_ns: int) -> None:
-        self._start_ns = t_ns
-        self._q: Quat = IDENTITY
-        self._dv: Vec3 = (0.0, 0.0, 0.0)
-        self._n = 0
-        self._gyro_sum: Vec3 = (0.0, 0.0, 0.0)
-        self._accel_sum: Vec3 = (0.0, 0.0, 0.0)
-        self._gyro_sq = self._accel_sq = 0.0
-        self._is_saturated = False
+        # Of the step that is being summed: when it began, and its samples, of which
+        # the first is the last one of the step before.
+        self._start_ns: int | None = None
+        self._samples: list[ImuSample] = []
 
     def skip_to(self, t_ns: int) -> None:
         """Forget what was summed: the time up to `t_ns` was bridged by gap steps."""
-        self._last = None
-        self._begin(t_ns)
+        self._start_ns, self._samples = t_ns, []
 
     def add(self, sample: ImuSample) -> ImuStep | None:
         """Take one sample; return the step that it completes, if it does.
@@ -100,24 +91,30 @@ class Preintegrator:
         The interval between two samples is integrated by the trapezoid rule. After a
         gap the step returned is the gap itself.
         """
-        last = self._last
-        dt_ns = sample.t_ns - (self._start_ns if last is None else last.t_ns)
-        if dt_ns <= 0:
+        t_ns, start_ns, samples = sample.t_ns, self._start_ns, self._samples
+        last_ns = samples[-1].t_ns if samples else start_ns
+        if last_ns is not None and t_ns <= last_ns:
             self.counters["repeated_samples"] += 1
             return None
         if not self._is_usable(sample):
             return None
-        self._last = sample
-        if last is None and self._start_ns < 0:
-            self._begin(sample.t_ns)
+        if start_ns is None or last_ns is None:
+            self._begin(sample)
             return None
-        if last is None or dt_ns > GAP_NS:
+        dt_ns = t_ns - last_ns
+        if not samples or dt_ns > GAP_NS:
             self.counters["imu_gaps"] += 1
-            return self._gap_until(sample)
-        self._integrate(last, sample, dt_ns * 1e-9)
-        elapsed_ns = sample.t_ns - self._start_ns
+            self._begin(sample)
+            return gap_step(t_ns, (t_ns - start_ns) * 1e-9)
+        samples.append(sample)
         # Half an interval of tolerance, so that jitter does not change the count.
-        return self._close() if elapsed_ns + dt_ns // 2 >= STEP_NS else None
+        if t_ns - start_ns + dt_ns // 2 < STEP_NS:
+            return None
+        self._begin(sample)
+        return _integrate(samples, self.gyro_bias_radps)
+
+    def _begin(self, sample: ImuSample) -> None:
+        self._start_ns, self._samples = sample.t_ns, [sample]
 
     def _is_usable(self, sample: ImuSample) -> bool:
         _, accel, gyro, _, is_saturated = sample
@@ -135,26 +132,27 @@ class Preintegrator:
             self._n_equal = 0
         if is_saturated:
             self.counters["saturated_samples"] += 1
-            self._is_saturated = True
         return True
 
-    def _gap_until(self, sample: ImuSample) -> ImuStep:
-        dt_s = (sample.t_ns - self._start_ns) * 1e-9
-        self._begin(sample.t_ns)
-        return gap_step(sample.t_ns, dt_s)
 
-    def _integrate(self, last: ImuSample, sample: ImuSample, dt_s: float) -> None:
-        """Add the time between two samples.
+def _integrate(samples: list[ImuSample], gyro_bias_radps: Vec3) -> ImuStep:
+    """Sum a step from its samples, the first of which only begins it.
 
-        Notes
-        -----
-        q_k = q_(k-1) exp((w_(k-1) + w_k) / 2 dt),
-        dv += (C(q_(k-1)) f_(k-1) + C(q_k) f_k) / 2 dt.
-        Written out: this is the innermost loop of the program.
-        """
-        _, (ax, ay, az), (gx, gy, gz), _, _ = sample
-        _, (lax, lay, laz), (lgx, lgy, lgz), _, _ = last
-        bx, by, bz = self.gyro_bias_radps
+    Notes
+    -----
+    q_k = q_(k-1) exp((w_(k-1) + w_k) / 2 dt),
+    dv += (C(q_(k-1)) f_(k-1) + C(q_k) f_k) / 2 dt.
+    Written out: this is the innermost loop of the program.
+    """
+    bx, by, bz = gyro_bias_radps
+    start_ns, (fx, fy, fz), (lgx, lgy, lgz), _, _ = samples[0]
+    last_ns = start_ns
+    w, x, y, z = IDENTITY
+    vx = vy = vz = 0.0
+    gx_sum = gy_sum = gz_sum = gyro_sq = 0.0
+    ax_sum = ay_sum = az_sum = accel_sq = 0.0
+    for t_ns, (ax, ay, az), (gx, gy, gz), _, _ in samples[1:]:
+        dt_s = (t_ns - last_ns) * 1e-9
         half = 0.25 * dt_s  # half the angle of the mean of two rates
         hx = (gx + lgx - 2.0 * bx) * half
         hy = (gy + lgy - 2.0 * by) * half
@@ -164,60 +162,42 @@ class Preintegrator:
         dw = 1.0 - square * (0.5 - square / 24.0)
         sinc = 1.0 - square * (1.0 / 6.0 - square / 120.0)
         dx, dy, dz = hx * sinc, hy * sinc, hz * sinc
-        w, x, y, z = self._q
-        vx, vy, vz = self._dv
-
-        half_dt = 0.5 * dt_s
-        tx = 2.0 * (y * laz - z * lay)
-        ty = 2.0 * (z * lax - x * laz)
-        tz = 2.0 * (x * lay - y * lax)
-        vx += (lax + w * tx + y * tz - z * ty) * half_dt
-        vy += (lay + w * ty + z * tx - x * tz) * half_dt
-        vz += (laz + w * tz + x * ty - y * tx) * half_dt
-
         w, x, y, z = (
             w * dw - x * dx - y * dy - z * dz,
             w * dx + x * dw + y * dz - z * dy,
             w * dy - x * dz + y * dw + z * dx,
             w * dz + x * dy - y * dx + z * dw,
         )
-        self._q = (w, x, y, z)
+
+        half_dt = 0.5 * dt_s
+        vx, vy, vz = vx + fx * half_dt, vy + fy * half_dt, vz + fz * half_dt
         tx = 2.0 * (y * az - z * ay)
         ty = 2.0 * (z * ax - x * az)
         tz = 2.0 * (x * ay - y * ax)
-        self._dv = (
-            vx + (ax + w * tx + y * tz - z * ty) * half_dt,
-            vy + (ay + w * ty + z * tx - x * tz) * half_dt,
-            vz + (az + w * tz + x * ty - y * tx) * half_dt,
-        )
+        fx = ax + w * tx + y * tz - z * ty  # the force in the axes of the start
+        fy = ay + w * ty + z * tx - x * tz
+        fz = az + w * tz + x * ty - y * tx
+        vx, vy, vz = vx + fx * half_dt, vy + fy * half_dt, vz + fz * half_dt
 
-        self._n += 1
-        sx, sy, sz = self._accel_sum
-        self._accel_sum = (sx + ax, sy + ay, sz + az)
-        sx, sy, sz = self._gyro_sum
-        self._gyro_sum = (sx + gx, sy + gy, sz + gz)
-        self._accel_sq += ax * ax + ay * ay + az * az
-        self._gyro_sq += gx * gx + gy * gy + gz * gz
+        gx_sum, gy_sum, gz_sum = gx_sum + gx, gy_sum + gy, gz_sum + gz
+        ax_sum, ay_sum, az_sum = ax_sum + ax, ay_sum + ay, az_sum + az
+        gyro_sq += gx * gx + gy * gy + gz * gz
+        accel_sq += ax * ax + ay * ay + az * az
+        last_ns, lgx, lgy, lgz = t_ns, gx, gy, gz
 
-    def _close(self) -> ImuStep:
-        last = self._last
-        assert last is not None
-        dt_s = (last.t_ns - self._start_ns) * 1e-9
-        tx, ty, tz = to_rotation_vector(self._q)
-        bx, by, bz = self.gyro_bias_radps
-        step = ImuStep(
-            last.t_ns,
-            dt_s,
-            (tx + bx * dt_s, ty + by * dt_s, tz + bz * dt_s),
-            self._dv,
-            self._n,
-            self._gyro_sum,
-            self._accel_sum,
-            self._gyro_sq,
-            self._accel_sq,
-            last.temp_degc,
-            self._is_saturated,
-            False,
-        )
-        self._begin(last.t_ns)
-        return step
+    dt_s = (last_ns - start_ns) * 1e-9
+    tx, ty, tz = to_rotation_vector((w, x, y, z))
+    return ImuStep(
+        last_ns,
+        dt_s,
+        (tx + bx * dt_s, ty + by * dt_s, tz + bz * dt_s),
+        (vx, vy, vz),
+        len(samples) - 1,
+        (gx_sum, gy_sum, gz_sum),
+        (ax_sum, ay_sum, az_sum),
+        gyro_sq,
+        accel_sq,
+        samples[-1].temp_degc,
+        any(sample.is_saturated for sample in samples[1:]),
+        False,
+    )
