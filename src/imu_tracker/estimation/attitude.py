@@ -45,6 +45,8 @@ UNKNOWN_YAW_SIGMA_RAD: Final = math.pi / math.sqrt(3.0)
 _PREDICT_S: Final = 0.2
 """The covariance moves slowly and is predicted at 5 Hz; the attitude at every step."""
 
+_RANDOM_WALKS: Final = np.diag([GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
+_H_BIAS: Final = np.eye(6)[3:]
 
 _USABLE_YAW_SIGMA_RAD: Final = 0.6
 """Beyond this a rotated acceleration says less than none."""
@@ -102,7 +104,7 @@ class AttitudeFilter:
     @property
     def gyro_bias_sigma_radps(self) -> float:
         """Standard deviation of the gyro bias, of the worst axis."""
-        return math.sqrt(max(self._kf.P.diagonal()[3:]))
+        return math.sqrt(max(self._kf.P.diagonal().tolist()[3:]))
 
     @property
     def is_yaw_usable(self) -> bool:
@@ -183,10 +185,8 @@ class AttitudeFilter:
         Source: Sola 2017, arXiv:1711.02508, section 7.
         """
         dt, self._pending_s = self._pending_s, 0.0
-        F = np.eye(6)
-        F[:3, 3:] = -dt * matrix(self.q_nb)
-        Q = np.diag([GYRO_NOISE_PSD * dt] * 3 + [GYRO_DRIFT_PSD * dt] * 3)
-        self._kf.predict(F=F, Q=Q)
+        self._kf.F[:3, 3:] = -dt * matrix(self.q_nb)
+        self._kf.predict(Q=_RANDOM_WALKS * dt)
 
     def _update(
         self,
@@ -254,5 +254,4 @@ class AttitudeFilter:
     def update_gyro_bias(self, rest_rate_radps: Vec3, sigma_radps: float) -> None:
         """Correct the gyro bias by what the gyro reads at rest."""
         innovation = np.subtract(rest_rate_radps, self.gyro_bias_radps)
-        H = np.hstack([np.zeros((3, 3)), np.eye(3)])
-        self._update(innovation, H, np.eye(3) * sigma_radps**2)
+        self._update(innovation, _H_BIAS, np.eye(3) * sigma_radps**2)

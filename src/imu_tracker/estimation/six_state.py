@@ -93,7 +93,7 @@ class SixState:
         self._aiding = AttitudeAiding(self._attitude, profile)
         self._gate = Gate(profile)
         self._kf = KalmanFilter(dim_x=6, dim_z=2, dim_u=3)
-        self._F, self._B, self._Q = np.eye(6), np.zeros((6, 3)), np.zeros((6, 6))
+        self._kf.B = np.zeros((6, 3))
         # Of the whole run, not of an instant: never taken back.
         self._fix_ns: int | None = None
         self._fix_period_s = 1.0
@@ -294,7 +294,7 @@ class SixState:
             psd = UNKNOWN_ACCEL_PSD
         if P[3, 3] + P[4, 4] > self._cruise_var:
             psd = 0.0
-        F, B, Q = self._F, self._B, self._Q
+        F, B, Q = self._kf.F, self._kf.B, self._kf.Q
         # The diagonals of the 3x3 blocks, as strides of the flat matrices.
         F.flat[3:18:7] = dt
         B.flat[0:9:4] = 0.5 * dt * dt
@@ -303,7 +303,7 @@ class SixState:
         Q.flat[3:18:7] = Q.flat[18:33:7] = psd * dt * dt / 2.0
         Q.flat[21:36:7] = psd * dt
         Q[5, 5] = psd_down * dt
-        self._kf.predict(np.array((an, ae, ad)), B, F, Q)
+        self._kf.predict(np.array((an, ae, ad)))
 
     def _constrain(self, rest: Rest | None, can_rotate: bool) -> None:
         """Apply what the body cannot do."""
