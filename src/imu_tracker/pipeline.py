@@ -7,7 +7,6 @@ frames in the order of arrival; `track` turns any of them into the rows of the l
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from typing import Final
 
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.counts import CountsModel
@@ -22,9 +21,6 @@ from imu_tracker.samples import (
     UtcTime,
 )
 from imu_tracker.sensors.nmea import EpochReader
-
-_EPOCH_OPEN_NS: Final = 1_000_000_000
-"""An epoch that is still open closes within this of the receiver's last line."""
 
 
 class Pipeline:
@@ -55,19 +51,17 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
-        self._gps_until_ns = 0
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
         t_ns, source, data = frame
         if source is Source.IMU:
             rows = self._tracker.on_imu(self._decode(t_ns, data))
-            if t_ns < self._gps_until_ns:
+            if self._epochs.has_open_epoch:
                 self._tell(self._epochs.advance(t_ns))
             return rows
         rows = self.advance(t_ns)
         if source is Source.GPS:
-            self._gps_until_ns = t_ns + _EPOCH_OPEN_NS
             self._tell(self._epochs.feed(t_ns, data))
         return rows
 
