@@ -96,7 +96,7 @@ class CountsModel:
         ax, ay, az = self._accel_gain
         gx, gy, gz = self._gyro_gain
         # The temperature field never comes near the ends: one test serves all seven.
-        is_saturated = max(counts) == _MAX_COUNT or min(counts) == _MIN_COUNT
+        is_saturated = _MAX_COUNT in counts or _MIN_COUNT in counts
         return ImuSample(
             t_ns,
             (counts[ix] * ax, counts[iy] * ay, counts[iz] * az),
