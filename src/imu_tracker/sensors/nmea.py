@@ -91,6 +91,11 @@ class EpochReader:
             return []
         return self._close(epoch)
 
+    @property
+    def has_open_epoch(self) -> bool:
+        """Whether time alone may complete something: else `advance` can wait."""
+        return self._epoch is not None and self._epoch.is_open
+
     def take_notices(self) -> list[str]:
         """Return what a person should know; each is said once."""
         untold = [text for text, is_told in self._notices.items() if not is_told]
