@@ -145,6 +145,9 @@ class Tracker:
         self._learn_period(fix)
         instant_ns = fix.t_ns - self._latency_ns
         if fix.utc_s is not None:
+            if not self._is_started:
+                # A receiver without a fix may have told its own birthday until now.
+                self._utc = UtcClock(self._latency_ns)
             self._utc.observe(fix.t_ns, fix.utc_s)
             told_ns = self._utc.instant_ns(fix.utc_s)
             instant_ns = instant_ns if told_ns is None else min(told_ns, fix.t_ns)
