@@ -14,7 +14,7 @@ from imu_tracker.sensors.clock import Clock, MonotonicClock
 
 if TYPE_CHECKING:
     from imu_tracker.config import Config
-    from imu_tracker.daemon.feeds import ImuFactory
+    from imu_tracker.daemon.feeds import GpsFactory, ImuFactory
 
 log = logging.getLogger(__name__)
 
@@ -26,15 +26,17 @@ def run(
     signals: Signals | None = None,
     notify: Notify | None = None,
     imu_reader: "ImuFactory | None" = None,
+    gps_reader: "GpsFactory | None" = None,
 ) -> int:
     """Track until SIGTERM or SIGINT, or until what is played is over.
 
     Parameters
     ----------
     config : Config
-    clock, signals, notify, imu_reader : optional
-        For tests: the time, who says when to end, who hears of it, and how to read a
-        chip on another bus.
+    clock, signals, notify : optional
+        For tests: the time, who says when to end, and who hears of it.
+    imu_reader, gps_reader : callable, optional
+        Make the sensor threads, with a bus or a port of the caller's own.
 
     Returns
     -------
@@ -70,9 +72,11 @@ def run(
         for advice in config.advice():
             log.warning("%s", advice)
         clock = clock or MonotonicClock()
-        feed = outputs.enter_context(
-            closing(open_feed(config, clock, imu_reader or hardware.imu_reader))
+        readers = (
+            imu_reader or hardware.imu_reader,
+            gps_reader or hardware.gps_reader,
         )
+        feed = outputs.enter_context(closing(open_feed(config, clock, *readers)))
         log.info("begun: %s to %s", config.source.kind, config.log.path)
         notify = notify or systemd_notify()
         Loop(config, feed, latlong, recorder, told, clock, notify).run()

@@ -78,10 +78,12 @@ class Feed(Protocol):
         ...
 
 
-def open_feed(config: Config, clock: Clock, imu_reader: ImuFactory) -> Feed:
+def open_feed(
+    config: Config, clock: Clock, imu_reader: ImuFactory, gps_reader: GpsFactory
+) -> Feed:
     """Return the feed that the configuration asks for; threads begin at once."""
     if config.source.kind == "hardware":
-        return HardwareFeed(config, clock, imu_reader)
+        return HardwareFeed(config, clock, imu_reader, gps_reader)
     is_simulation = config.source.kind == "simulation"
     stream = simulated(config) if is_simulation else recorded(config)
     return PlayedFeed(stream, config.source.speed, clock)
@@ -201,8 +203,8 @@ class HardwareFeed:
         self,
         config: Config,
         clock: Clock,
-        imu_reader: ImuFactory = hardware.imu_reader,
-        gps_reader: GpsFactory = hardware.gps_reader,
+        imu_reader: ImuFactory,
+        gps_reader: GpsFactory,
     ) -> None:
         self._config, self._clock = config, clock
         self._queue: deque[Frame] = deque()

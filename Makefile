@@ -1,0 +1,77 @@
+# Everything that a developer, or somebody who is curious, does with a checkout.
+# It needs Python 3.11 or newer and make; the rest goes into .venv, here.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help install demo test lint types unit acceptance benchmark clean
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
+		$(MAKEFILE_LIST)
+
+install: $(VENV)/.installed ## Make the environment .venv and install imu-tracker there
+
+# The stamps are younger than what was installed from: nothing is asked of any index
+# as long as nothing changed.
+$(VENV)/.installed: pyproject.toml $(VENV)/.made
+	@echo "installing imu-tracker and its tools into $(VENV)"
+	@$(PIP) --editable '.[dev]'
+	@touch $@
+
+$(VENV)/.benchmark: $(VENV)/.installed
+	@$(PIP) --editable '.[benchmark]'
+	@touch $@
+
+$(VENV)/.made:
+	@command -v $(PYTHON) >/dev/null || { \
+		echo "$(PYTHON) is missing; on Debian and Raspberry Pi OS:" \
+			"sudo apt install python3 python3-venv" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "imu-tracker needs Python 3.11 or newer, and $(PYTHON) is" \
+			"$$($(PYTHON) -V 2>&1); name another: make PYTHON=python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "Python's venv is missing; on Debian and Raspberry Pi OS:" \
+			"sudo apt install python3-venv" >&2; exit 1; }
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+demo: install ## Track a simulated drive with a tunnel, and draw it: half a minute
+	@rm -rf demo
+	@echo "ten minutes of driving at 20 times their speed; meanwhile, elsewhere:"
+	@echo "  $(BIN)/imu-tracker status --watch --config config/demo.toml"
+	@$(BIN)/imu-tracker run --config config/demo.toml
+	@echo
+	@echo "the end of the log, demo/latlong.csv:"
+	@head -n 1 demo/latlong.csv
+	@tail -n 5 demo/latlong.csv
+	@echo
+	@$(BIN)/imu-tracker plot --quiet demo/latlong.csv --output demo/latlong.png
+	@echo "the picture of the track: $(CURDIR)/demo/latlong.png"
+
+test: lint types unit ## Check everything: style, types, the tests with their coverage
+
+lint: install ## Check style and format
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: install ## Check types
+	$(BIN)/mypy
+
+unit: install ## Run the tests alone
+	$(BIN)/pytest --numprocesses=auto --cov --cov-report=term --cov-fail-under=90
+
+acceptance: install ## Run the long tests: all seeds, all drives; takes hours
+	$(BIN)/pytest -m acceptance --numprocesses=auto
+
+benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
+	$(BIN)/python benchmarks
+
+clean: ## Remove what was made here, the environment too
+	rm -rf $(VENV) demo build dist htmlcov .coverage .coverage.* .hypothesis \
+		.mypy_cache .pytest_cache .ruff_cache
