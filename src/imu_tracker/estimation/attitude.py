@@ -164,12 +164,16 @@ class AttitudeFilter:
     def lose(self, dt_s: float) -> None:
         """Let time pass of which the gyro said nothing."""
         self._pending_s += dt_s
+        self.doubt(_LOST_TURN_RADPS * dt_s)
+
+    def doubt(self, angle_rad: float) -> None:
+        """Let the attitude be off by so much more about any axis, at one sigma."""
         self._predict_covariance()
-        P = self._kf.P.copy()
-        turn_var = (_LOST_TURN_RADPS * dt_s) ** 2
-        for i in range(3):
-            P[i, i] = min(P[i, i] + turn_var, UNKNOWN_YAW_SIGMA_RAD**2)
-        self._kf.P = P
+        P = self._kf.P + np.diag([angle_rad**2] * 3 + [0.0] * 3)
+        # An angle has an end; its correlations shrink with it.
+        bound = np.sqrt(np.minimum(1.0, UNKNOWN_YAW_SIGMA_RAD**2 / P.diagonal()[:3]))
+        scale = np.append(bound, np.ones(3))
+        self._kf.P = P * np.outer(scale, scale)
         if self.tilt_sigma_rad > _LOST_TILT_SIGMA_RAD:
             self.is_level = False
         if not self.is_yaw_usable:

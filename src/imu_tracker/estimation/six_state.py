@@ -244,6 +244,7 @@ class SixState:
         dt = step.dt_s
         attitude = self._attitude
         self._is_resting = rest is not None
+        clipped_mps = 0.0
         if step.is_gap:
             attitude.lose(dt)
             self._a_n, can_rotate = (0.0, 0.0, 0.0), False
@@ -255,24 +256,33 @@ class SixState:
             tx, ty, tz = step.dtheta_b_rad
             self._rate_b_radps = (tx / dt, ty / dt, tz / dt)
             attitude.propagate(step)
+            if step.is_saturated:
+                # A reading that was clipped may be off by as much as it says.
+                attitude.doubt(math.hypot(tx, ty, tz))
+                clipped_mps = math.hypot(*dv_b)
             can_rotate = attitude.is_level
             self._a_n = (dvn / dt, dve / dt, dvd / dt + self._gravity_mps2)
         self._aiding.propagate(step, self._a_n)
-        if not self._is_started:
-            if rest is not None:
-                self._aiding.rest(rest, self._gravity_mps2)
-            return
-        self._predict(dt, can_rotate)
+        if self._is_started:
+            self._predict(dt, can_rotate, clipped_mps)
         self._constraint_due_s -= dt
         if self._constraint_due_s <= 0.0:
             self._constraint_due_s = _CONSTRAINT_PERIOD_S
-            self._constrain(rest, can_rotate)
+            if rest is not None:
+                self._aiding.rest(rest, self._gravity_mps2)
+            self._aiding.gravity(self._v_n(), self._gravity_mps2)
+            if self._is_started:
+                self._constrain(rest is not None, can_rotate)
 
-    def _predict(self, dt: float, can_rotate: bool) -> None:
+    def _v_n(self) -> Vec3:
+        vn, ve, vd = self._kf.x[3:].tolist()
+        return vn, ve, vd
+
+    def _predict(self, dt: float, can_rotate: bool, clipped_mps: float) -> None:
         """Kalman prediction with the acceleration as input."""
         attitude, P = self._attitude, self._kf.P
         self._dark_s += dt
-        _, _, _, vn, ve, _ = self._kf.x.tolist()
+        vn, ve, _ = self._v_n()
         sigma_yaw = attitude.yaw_sigma_rad
         psd_down = UNKNOWN_ACCEL_PSD
         if can_rotate and attitude.is_yaw_usable:
@@ -299,18 +309,17 @@ class SixState:
         F.flat[3:18:7] = dt
         B.flat[0:9:4] = 0.5 * dt * dt
         B.flat[9:18:4] = dt
-        Q.flat[0:15:7] = psd * dt**3 / 3.0
-        Q.flat[3:18:7] = Q.flat[18:33:7] = psd * dt * dt / 2.0
-        Q.flat[21:36:7] = psd * dt
-        Q[5, 5] = psd_down * dt
+        psd += clipped_mps**2 / dt
+        psds = np.array((psd, psd, psd_down))
+        Q.flat[0:15:7] = psds * (dt**3 / 3.0)
+        Q.flat[3:18:7] = Q.flat[18:33:7] = psds * (dt * dt / 2.0)
+        Q.flat[21:36:7] = psds * dt
         self._kf.predict(np.array((an, ae, ad)))
 
-    def _constrain(self, rest: Rest | None, can_rotate: bool) -> None:
+    def _constrain(self, is_resting: bool, can_rotate: bool) -> None:
         """Apply what the body cannot do."""
-        attitude = self._attitude
-        v_n: Vec3 = tuple(self._kf.x[3:].tolist())
-        if rest is not None:
-            self._aiding.rest(rest, self._gravity_mps2)
+        attitude, v_n = self._attitude, self._v_n()
+        if is_resting:
             self._update_velocity(constraints.rest(v_n))
         elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
             self._update_velocity(
@@ -322,7 +331,6 @@ class SixState:
                     self._aiding.rate_down_radps,
                 )
             )
-        self._aiding.gravity(v_n, self._gravity_mps2)
         if self._dark_s > 3.0:
             self._move_frame()
 
