@@ -56,19 +56,27 @@ class Pipeline:
         """Take the next frame; return the rows that became due."""
         t_ns, source, data = frame
         if source is Source.IMU:
-            rows = self._tracker.on_imu(self._decode(t_ns, data))
-            if self._epochs.has_open_epoch:
-                self._tell(self._epochs.advance(t_ns))
-            return rows
+            rows = self._close_epoch(t_ns)
+            return rows + self._tracker.on_imu(self._decode(t_ns, data))
         rows = self.advance(t_ns)
         if source is Source.GPS:
             self._tell(self._epochs.feed(t_ns, data))
         return rows
 
     def advance(self, t_ns: int) -> list[NavState]:
-        """Let time pass without a frame."""
-        rows = self._tracker.advance(t_ns)
-        self._tell(self._epochs.advance(t_ns))
+        """Let time pass without a frame: rows are the same however often it is told.
+
+        No frame of before `t_ns` may come after this.
+        """
+        return self._close_epoch(t_ns) + self._tracker.advance(t_ns)
+
+    def _close_epoch(self, t_ns: int) -> list[NavState]:
+        """Complete what time alone completes, at its own instant."""
+        closes_ns = self._epochs.closes_ns
+        if closes_ns is None or closes_ns > t_ns:
+            return []
+        rows = self._tracker.advance(closes_ns)
+        self._tell(self._epochs.advance(closes_ns))
         return rows
 
     def _tell(self, positions: list[GpsFix | UtcTime]) -> None:

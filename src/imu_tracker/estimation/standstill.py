@@ -128,6 +128,7 @@ class StandstillDetector:
         if step.is_gap:
             self._steps.clear()
             self._sums = (0.0,) * 9
+            self._gyro_std = self._accel_std = math.inf
             self._rest_since_ns = None
             return None
         self._slide(step)

@@ -22,11 +22,12 @@ from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTim
 HISTORY_NS: Final = 3_000_000_000
 """How late a fix may come: receivers that smooth their course take up to 2 s."""
 
-IMU_SILENT_NS: Final = 300_000_000
-"""Rows wait for the IMU no longer than this: then it is unavailable."""
-
 COAST_NS: Final = 100_000_000
 """Length of a step through time in which the IMU says nothing."""
+
+COAST_AFTER_NS: Final = 400_000_000
+"""Such a step is made so long after its beginning: until then rows wait for the IMU,
+and no row may come half a second late."""
 
 GPS_MODE_NS: Final = 2_000_000_000
 GPS_MODE_PERIODS: Final = 1.5
@@ -39,7 +40,14 @@ START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
 that fix is then taken like any other."""
 
-USED_OUTCOMES: Final = (FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
+USED_OUTCOMES: Final = (
+    FixOutcome.INITIALISED,
+    FixOutcome.ACCEPTED,
+    FixOutcome.REACQUIRED,
+)
+
+UNHEARD_OUTCOMES: Final = (FixOutcome.TOO_LATE, FixOutcome.FROZEN)
+"""Of these not even the speed is believed."""
 
 _NO_ROWS: Final[list[NavState]] = []
 
@@ -95,9 +103,11 @@ class Tracker:
         self._now_ns = 0
         self._step_ns: int | None = None  # end of the last step
         self._is_started = self._is_guess = False
+        self._begin_ns = 0  # rows begin no earlier
         self._row_utc_ns: int | None = None  # of the next row
         self._fix_ns: int | None = None
-        self._fix_period_ns = 1_000_000_000
+        self._fix_periods_ns = (1_000_000_000, 1_000_000_000)  # the last two
+        self._n_outliers = 0  # in a row
         self._used_ns: int | None = None
         self._said_mode: Mode | None = None
         self._notices: list[str] = []
@@ -106,10 +116,14 @@ class Tracker:
 
     def on_imu(self, sample: ImuSample) -> list[NavState]:
         """Take a sample; return the rows that became due."""
-        if sample[0] > self._now_ns:
-            self._now_ns = sample[0]
+        t_ns = sample[0]
+        rows = _NO_ROWS
+        if self._step_ns is not None and t_ns >= self._step_ns + COAST_AFTER_NS:
+            rows = self.advance(t_ns)
+        elif t_ns > self._now_ns:
+            self._now_ns = t_ns
         step = self._preintegrator.add(sample)
-        return _NO_ROWS if step is None else self._on_step(step)
+        return rows if step is None else rows + self._on_step(step)
 
     def advance(self, t_ns: int) -> list[NavState]:
         """Let stream time pass; return the rows that became due.
@@ -117,15 +131,13 @@ class Tracker:
         Called before what arrived at `t_ns` is told, and at any time when nothing
         arrives: rows are the same however often it is called.
         """
-        self._now_ns = max(self._now_ns, t_ns)
         rows: list[NavState] = []
-        while (
-            self._step_ns is not None
-            and self._now_ns - self._step_ns >= IMU_SILENT_NS + COAST_NS
-        ):
-            t_ns = self._step_ns + COAST_NS
-            self._preintegrator.skip_to(t_ns)
-            rows += self._on_step(gap_step(t_ns, COAST_NS * 1e-9))
+        while self._step_ns is not None and t_ns >= self._step_ns + COAST_AFTER_NS:
+            self._now_ns = max(self._now_ns, self._step_ns + COAST_AFTER_NS)
+            end_ns = self._step_ns + COAST_NS
+            self._preintegrator.skip_to(end_ns)
+            rows += self._on_step(gap_step(end_ns, COAST_NS * 1e-9))
+        self._now_ns = max(self._now_ns, t_ns)
         return rows + self._due_rows()
 
     def on_time(self, time: UtcTime) -> None:
@@ -153,9 +165,15 @@ class Tracker:
             instant_ns = instant_ns if told_ns is None else min(told_ns, fix.t_ns)
         outcome = self._take(fix, instant_ns)
         self._fixes[outcome] += 1
-        if fix.vel_ne_mps is not None:
+        self._n_outliers = self._n_outliers + 1 if outcome is FixOutcome.OUTLIER else 0
+        is_lone = self._n_outliers == 1  # a wild fix changes nothing
+        if (
+            fix.vel_ne_mps is not None
+            and outcome not in UNHEARD_OUTCOMES
+            and not is_lone
+        ):
             self._standstill.observe_speed(fix.t_ns, math.hypot(*fix.vel_ne_mps))
-        if outcome is FixOutcome.OUTLIER and self._past and self._past[-1].rest:
+        if self._n_outliers > 1 and self._past and self._past[-1].rest:
             self._standstill.veto(self._now_ns + REST_VETO_NS)
         if outcome in USED_OUTCOMES:
             self._used_ns = self._now_ns
@@ -166,7 +184,9 @@ class Tracker:
     def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Go back to the fix's instant, apply it, and repeat the steps since."""
         estimator, past = self._estimator, self._past
-        is_first = not self._is_started or self._is_guess
+        # A receiver's buffer may be full of old fixes: until the first row is out,
+        # each begins anew.
+        is_first = self._row_utc_ns is None or self._is_guess
         if is_first:
             self._begin(instant_ns)
         if past and instant_ns < past[0].t_ns - COAST_NS and not is_first:
@@ -198,13 +218,14 @@ class Tracker:
         """Rows can be made from now on, with an IMU or without."""
         if not self._is_started:
             self._notices.append("tracking begins")
+            self._begin_ns = self._now_ns
         self._is_started, self._is_guess = True, False
         if self._step_ns is None:
             self._step_ns = t_ns
 
     def _learn_period(self, fix: GpsFix) -> None:
         if self._fix_ns is not None and fix.t_ns > self._fix_ns:
-            self._fix_period_ns = fix.t_ns - self._fix_ns
+            self._fix_periods_ns = (self._fix_periods_ns[1], fix.t_ns - self._fix_ns)
         self._fix_ns = fix.t_ns
 
     # ------------------------------------------------------------- steps and rows
@@ -226,14 +247,14 @@ class Tracker:
         if not self._is_started or self._step_ns is None:
             return _NO_ROWS
         if self._row_utc_ns is None:
-            utc.advance(self._now_ns)
-            if not utc.is_set:
+            settled_ns = utc.settled_ns
+            if settled_ns is None or self._now_ns < settled_ns:
                 return _NO_ROWS
-            now_utc_ns = utc.row_utc_ns(self._now_ns)
-            self._row_utc_ns = -(-now_utc_ns // self._period_ns) * self._period_ns
-        known_ns = max(self._step_ns, self._now_ns - IMU_SILENT_NS)
+            utc.show()
+            begin_utc_ns = utc.row_utc_ns(max(self._begin_ns, settled_ns))
+            self._row_utc_ns = -(-begin_utc_ns // self._period_ns) * self._period_ns
         rows: list[NavState] = []
-        while (row_ns := utc.row_instant_ns(self._row_utc_ns)) <= known_ns:
+        while (row_ns := utc.row_instant_ns(self._row_utc_ns)) <= self._step_ns:
             rows.append(self._row(row_ns, self._row_utc_ns))
             self._row_utc_ns += self._period_ns
             utc.slew(self._period_ns)
@@ -262,7 +283,8 @@ class Tracker:
         )
 
     def _mode_at(self, row_ns: int) -> Mode:
-        window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * self._fix_period_ns))
+        # Of two intervals the shorter one: an outage is none.
+        window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * min(self._fix_periods_ns)))
         if not self._past or self._past[-1].step.is_gap:
             mode = Mode.GPSONLY
         elif self._past[-1].rest is not None:

@@ -21,7 +21,8 @@ freshest one waited in a buffer."""
 JUMP_EPOCHS: Final = 3
 JUMP_NS: Final = 2_000_000_000
 """A receiver that says another time so often, for so long, has changed its mind
-(leap seconds arrive with the almanac, up to 12 minutes after a cold start)."""
+(leap seconds arrive with the almanac, up to 12 minutes after a cold start). A port
+that works off a backlog says another one with each epoch."""
 
 SETTLE_NS: Final = 300_000_000
 """Before the first row: a burst of old epochs in a full buffer has passed by then."""
@@ -49,19 +50,20 @@ class UtcClock:
         self.jumps = 0
 
     @property
-    def is_set(self) -> bool:
-        """Whether UTC is known well enough to write rows."""
-        return self._shown_ns is not None
+    def settled_ns(self) -> int | None:
+        """Instant from which UTC is known well enough to write rows."""
+        return None if self._first_ns is None else self._first_ns + SETTLE_NS
 
     def observe(self, arrival_ns: int, utc_s: float) -> None:
         """Take the time of one epoch and when its first byte came."""
         offset = round(utc_s * 1e9) - (arrival_ns - self._latency_ns)
         if self._first_ns is None:
             self._first_ns = arrival_ns
-        if self._offset_ns is None or self._shown_ns is None:
+        if self._offset_ns is None:
+            self._take(offset)
+        elif self._shown_ns is None and offset > self._offset_ns:
             # Nothing was written yet: the freshest epoch is right at once.
-            if self._offsets and offset > max(self._offsets) + STALE_NS:
-                self._offsets.clear()
+            self._offsets.clear()
             self._take(offset)
         elif abs(offset - self._offset_ns) < STALE_NS:
             self._candidates.clear()
@@ -69,14 +71,9 @@ class UtcClock:
         else:
             self._consider(arrival_ns, offset)
 
-    def advance(self, t_ns: int) -> None:
-        """Let time pass; after `SETTLE_NS` rows can begin."""
-        if (
-            self._shown_ns is None
-            and self._first_ns is not None
-            and t_ns >= self._first_ns + SETTLE_NS
-        ):
-            self._shown_ns = self._offset_ns
+    def show(self) -> None:
+        """Begin rows: from now on UTC only slews."""
+        self._shown_ns = self._offset_ns
 
     def instant_ns(self, utc_s: float) -> int | None:
         """Monotonic instant that an epoch of this UTC describes; None: not known."""
@@ -110,7 +107,7 @@ class UtcClock:
 
     def _consider(self, arrival_ns: int, offset: int) -> None:
         """Hear of another time; believe it when it is said again and again."""
-        if self._candidates and abs(offset - self._candidates[-1][1]) > STALE_NS // 2:
+        if self._candidates and abs(offset - self._candidates[0][1]) > STALE_NS // 2:
             self._candidates.clear()
         self._candidates.append((arrival_ns, offset))
         lasted_ns = arrival_ns - self._candidates[0][0]

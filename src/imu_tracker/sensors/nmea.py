@@ -92,9 +92,10 @@ class EpochReader:
         return self._close(epoch)
 
     @property
-    def has_open_epoch(self) -> bool:
-        """Whether time alone may complete something: else `advance` can wait."""
-        return self._epoch is not None and self._epoch.is_open
+    def closes_ns(self) -> int | None:
+        """When time alone completes something; None: `advance` can wait."""
+        epoch = self._epoch
+        return epoch.t_ns + EPOCH_NS if epoch is not None and epoch.is_open else None
 
     def take_notices(self) -> list[str]:
         """Return what a person should know; each is said once."""
