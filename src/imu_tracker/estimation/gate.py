@@ -1,8 +1,8 @@
 """Which fixes to believe: a gate that keeps wild ones out and cannot lock out.
 
-A fix must fit the filter's own prediction, or at least be reachable. One that does
-not is rejected and remembered; when the rejected ones agree with one another for
-long enough, it is the filter that is wrong, and it starts again from them.
+A fix must fit the filter's own prediction. One that does not is rejected and
+remembered; when the rejected ones agree with one another for long enough, it is the
+filter that is wrong, and it starts again from them.
 """
 
 import math

@@ -347,6 +347,10 @@ class SixState:
         """Correct by a fix that describes the instant `ahead_s` after the last step."""
         speed = math.hypot(*fix.vel_ne_mps) if fix.vel_ne_mps else self.speed()[0]
         if self._gate.is_frozen(fix, speed):
+            # By its own word it moves, or else by the filter's, which may be wrong.
+            if fix.vel_ne_mps is None and self._gate.reject(fix):
+                self._restart(fix)
+                return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         self._learn_period(fix)
         z, z_v = self._measured_ne(fix, ahead_s)
@@ -476,14 +480,14 @@ class SixState:
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""
-        alt_origin_m, x = self._alt_origin_m, self._kf.x.tolist()
+        alt_m = self.estimate().alt_m if fix.alt_m is None else fix.alt_m
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
+        self._alt_origin_m = alt_m
         self._doubt_m = 0.0
         if fix.vel_ne_mps is not None:
-            self._kf.x = np.array([0.0, 0.0, x[2], *fix.vel_ne_mps, 0.0])
+            self._kf.x = np.array([0.0, 0.0, 0.0, *fix.vel_ne_mps, 0.0])
             variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3
             self._kf.P = np.diag(variances)
-        self._alt_origin_m = alt_origin_m
 
     def _move_frame(self) -> None:
         """Take the origin along when the way from it grows."""
