@@ -38,7 +38,9 @@ def run(attitude: AttitudeFilter, seconds: float, gyro: Vec3 = (0.0, 0.0, 0.0)) 
         attitude.propagate(turning(gyro))
 
 
-def at(roll: float, pitch: float, yaw: float, tilt_sigma: float = 0.01):
+def at(
+    roll: float, pitch: float, yaw: float, tilt_sigma: float = 0.01
+) -> AttitudeFilter:
     """Make a filter that believes in this attitude."""
     attitude = AttitudeFilter()
     attitude.start(rotate(conjugate(from_euler(roll, pitch, 0.0)), UP), tilt_sigma)
