@@ -128,8 +128,7 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
     epochs = EpochReader(date=config.gps.date)
     health, kinds = _listen(config, clock, epochs)
     if health.state is GpsState.CLOSED:
-        advice = _port_advice(port, health.detail)
-        yield _unavailable("GPS port", f"{health.detail or port}: {advice}")
+        yield _unavailable("GPS port", _why_closed(port, health.detail))
         return
     if health.state is not GpsState.OK:
         yield _unavailable("GPS port", f"{port}: {_GPS_ADVICE[health.state]}")
@@ -217,20 +216,21 @@ def _console_on(port: str) -> str | None:
     return None
 
 
-def _port_advice(port: str, detail: str) -> str:
+def _why_closed(port: str, detail: str) -> str:
     if port.startswith("socket://"):
-        return "is the other side there, and listening?"
+        return f"{port}: {detail}: is the other side there, and listening?"
     path = Path(port)
     if not path.exists():
         patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
         found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
-        names = ", ".join(map(str, found)) or "no serial port"
-        return f"there is {names}; set gps.port"
+        others = ", ".join(map(str, found)) or "no serial port"
+        return f"{port} does not exist (there is {others}): set gps.port"
     if not os.access(path, os.R_OK | os.W_OK):
-        return "put this user into the group dialout (sudo usermod -aG dialout USER)"
-    if "exclusive" in detail or "busy" in detail:
-        return "another program has it: gpsd, or a daemon that runs?"
-    return "unplug it and plug it in again"
+        return (
+            f"no permission for {port}: put this user into the group dialout "
+            "(sudo usermod -aG dialout USER) and log in again"
+        )
+    return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
 
 
 def check_recording(config: Config) -> Finding:
@@ -250,7 +250,8 @@ def check_output(what: str, path: Path, min_free_mb: float) -> Finding:
     place = path
     while not place.exists():
         place = place.parent
-    if path.is_dir() or not os.access(place, os.W_OK):
+    is_file = place == path
+    if place.is_dir() is is_file or not os.access(place, os.W_OK):
         text = f"{path}: this user cannot write to {place}"
         return Finding(Verdict.FAILED, what, text, OutputError.exit_code)
     free_mb = shutil.disk_usage(place).free / 1e6

@@ -12,6 +12,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
@@ -21,6 +22,7 @@ from imu_tracker.commands.plot import add_plot
 from imu_tracker.commands.record import add_record
 from imu_tracker.commands.replay import add_replay
 from imu_tracker.commands.run import add_run
+from imu_tracker.commands.selftest import add_selftest
 from imu_tracker.commands.simulate import add_simulate
 from imu_tracker.commands.status import add_status
 from imu_tracker.errors import OutputError, TrackerError
@@ -38,6 +40,7 @@ _COMMANDS: Final = (
     add_replay,
     add_simulate,
     add_plot,
+    add_selftest,
 )
 
 _EPILOG: Final = """\
@@ -126,8 +129,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _let_stdout_go() -> None:
     """Keep Python from complaining about stdout once more when it ends."""
-    with contextlib.suppress(OSError, ValueError):  # not a file: nothing to do
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with (
+        contextlib.suppress(OSError, ValueError),  # not a file: nothing to do
+        Path(os.devnull).open("wb") as nowhere,
+    ):
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 class _Talk(logging.Formatter):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fonts import load_fonts
 from imu_tracker.errors import OutputError
 from imu_tracker.plots.drawing import MAX_POINTS, envelope, runs
 from imu_tracker.plots.recording import RecordingColumns, plot_recording
@@ -12,6 +13,11 @@ from imu_tracker.plots.tracks import LogColumns, _circles, _joined, plot_tracks
 from imu_tracker.scoring import Track
 
 PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _fonts() -> None:
+    load_fonts()
 
 
 def a_log(rows: int, name: str = "drive.csv", start_s: float = 1.8e9) -> LogColumns:

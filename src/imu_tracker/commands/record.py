@@ -31,8 +31,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-POLL_S: Final = 0.2
+TURN_NS: Final = 100_000_000
 FLUSH_NS: Final = 5_000_000_000
+FOREVER_NS: Final = 2**63 - 1
+SHOW_EVERY: Final = 100  # frames, on a terminal
 
 _DESCRIPTION = """\
 Write down what the chip and the receiver say and when, until Ctrl-C: for `replay`, for
@@ -84,7 +86,7 @@ def run_record(args: argparse.Namespace) -> int:
     clock = MonotonicClock()
     with contextlib.closing(hardware.open_imu_bus(config)) as bus:
         chip = hardware.imu_driver(config, bus, clock).probe()
-    end_ns = None
+    end_ns = FOREVER_NS
     if args.duration is not None:
         end_ns = clock.now_ns() + round(args.duration * 1e9)
     with RecordingWriter(args.output) as writer, _told_to_end() as stop:
@@ -99,7 +101,7 @@ def _record(
     writer: "RecordingWriter",
     clock: "Clock",
     stop: Event,
-    end_ns: int | None,
+    end_ns: int,
 ) -> Counter[str]:
     from imu_tracker import hardware
 
@@ -107,45 +109,44 @@ def _record(
     counts: Counter[str] = Counter()
     imu = hardware.imu_reader(config, frames.put, clock)
     gps = hardware.gps_reader(config, frames.put, clock)
-    flush_ns = clock.now_ns()
+    flush_ns = now_ns = clock.now_ns()
     imu.start()
     gps.start()
     try:
-        while not stop.is_set() and (end_ns is None or clock.now_ns() < end_ns):
-            with contextlib.suppress(queue.Empty):
-                _write(writer, frames.get(timeout=POLL_S), counts)
-            if clock.now_ns() >= flush_ns:
-                flush_ns = clock.now_ns() + FLUSH_NS
+        while now_ns < end_ns:
+            is_told = clock.sleep_until_ns(min(now_ns + TURN_NS, end_ns), stop)
+            now_ns = end_ns if is_told else clock.now_ns()
+            _drain(frames, writer, counts)
+            if now_ns >= flush_ns:
+                flush_ns = now_ns + FLUSH_NS
                 writer.flush()
             _raise_bugs(imu, gps)
-            _show(counts)
     finally:
         for reader in (imu, gps):
             reader.stop()
         for reader in (imu, gps):
             reader.join()
-    while not frames.empty():
-        _write(writer, frames.get(), counts)
+    _drain(frames, writer, counts)
     return counts
 
 
-def _write(writer: "RecordingWriter", frame: "Frame", counts: Counter[str]) -> None:
-    writer.write(frame)
-    counts[frame.source] += 1
-    if frame.source == "E":
-        log.info("%s", frame.data.decode("ascii", "replace"))
+def _drain(
+    frames: "queue.SimpleQueue[Frame]", writer: "RecordingWriter", counts: Counter[str]
+) -> None:
+    while not frames.empty():
+        frame = frames.get()
+        writer.write(frame)
+        counts[frame.source] += 1
+        if frame.source == "E":
+            log.info("%s", frame.data.decode("ascii", "replace"))
+        elif counts.total() % SHOW_EVERY == 0 and sys.stderr.isatty():
+            sys.stderr.write(f"\r{counts['I']} samples, {counts['G']} lines of GPS ")
 
 
 def _raise_bugs(imu: "ImuReader", gps: "GpsReader") -> None:
     for reader in (imu, gps):
         if reader.error is not None:
             raise reader.error
-
-
-def _show(counts: Counter[str]) -> None:
-    """Let a person see, now and then, that it goes on."""
-    if sys.stderr.isatty() and counts["I"] % 100 == 0:
-        sys.stderr.write(f"\r{counts['I']} samples, {counts['G']} lines of GPS ")
 
 
 @contextlib.contextmanager

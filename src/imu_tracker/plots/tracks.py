@@ -295,6 +295,7 @@ def _draw_radius(panel: Axes, logs: Sequence[LogColumns], truth: Track | None) -
         panel.set_yscale("log")
         panel.set_ylim(bottom=max(0.05, radii_m.min() / 10))
         panel.yaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter("")
     else:
         panel.set_ylim(bottom=0)
     if truth is None:

@@ -1,0 +1,120 @@
+"""`imu-tracker status`: what the daemon wrote, and whether it is of now."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from imu_tracker.cli import main
+
+NOW_NS = 500_000_000_000
+
+
+@pytest.fixture(autouse=True)
+def _time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("time.monotonic_ns", lambda: NOW_NS)
+
+
+def status(tmp_path: Path, **fields: Any) -> list[str]:
+    """Write a status file; return the arguments that read it."""
+    path = tmp_path / "status.json"
+    path.write_text(json.dumps({"t_ns": NOW_NS - 1_000_000_000, "pid": 1} | fields))
+    return ["status", "--set", f"status.path={path}"]
+
+
+def test_the_status_is_a_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row = {"time_utc": "2026-11-22T12:00:01.250Z", "r95_m": 3.94, "mode": "gps"}
+    argv = status(tmp_path, version="0.1.0", row=row, counters={"lost_rows": 0})
+    assert main(argv) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "pid      1",
+        "version  0.1.0",
+        "",
+        "row",
+        "  time utc  2026-11-22T12:00:01.250Z",
+        "  r95 m     3.94",
+        "  mode      gps",
+        "",
+        "counters",
+        "  lost rows  0",
+    ]
+
+
+def test_values_read_like_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = status(tmp_path, a=None, b=True, c=[], d=[1, 2.5], e=False)
+    assert main(argv) == 0
+    values = [line.split("  ")[-1] for line in capsys.readouterr().out.splitlines()]
+    assert values == ["1", "-", "yes", "-", "1, 2.5", "no"]
+
+
+def test_json_is_passed_on_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*status(tmp_path, row={"mode": "dr"}), "--json"]) == 0
+    out = capsys.readouterr().out
+    assert json.loads(out)["row"] == {"mode": "dr"}
+    assert out.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("age_s", "pid", "problem"),
+    [
+        (60, os.getpid(), "hangs"),
+        (60, 2**30, "not running"),
+        (60, None, "not running"),
+        (-60, 1, "before the last start of this computer"),
+    ],
+)
+def test_a_stale_status_is_exit_69(
+    age_s: int,
+    pid: int | None,
+    problem: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    argv = status(tmp_path, t_ns=NOW_NS - age_s * 1_000_000_000, pid=pid)
+    assert main(argv) == 69
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert problem in captured.err
+
+
+def test_without_a_daemon_it_is_exit_69(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "none.json"
+    assert main(["status", "--set", f"status.path={path}"]) == 69
+    assert capsys.readouterr().err == f"imu-tracker is not running: no {path}\n"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"t_ns": "x"}', "\x80"])
+def test_a_file_of_somebody_else_is_no_status(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "status.json"
+    path.write_text(text, "latin-1")
+    assert main(["status", "--set", f"status.path={path}"]) == 69
+    assert "not a status of imu-tracker" in capsys.readouterr().err
+
+
+def test_watching_goes_on_until_interrupted(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pauses: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        if len(pauses) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("time.sleep", sleep)
+    assert main([*status(tmp_path), "--watch"]) == 0
+    assert capsys.readouterr().out == "pid  1\n" * 3
