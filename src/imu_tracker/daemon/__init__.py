@@ -76,8 +76,8 @@ def run(
             imu_reader or hardware.imu_reader,
             gps_reader or hardware.gps_reader,
         )
-        feed = outputs.enter_context(closing(open_feed(config, clock, *readers)))
-        log.info("begun: %s to %s", config.source.kind, config.log.path)
         notify = notify or systemd_notify()
+        log.info("begun: %s to %s", config.source.kind, config.log.path)
+        feed = open_feed(config, clock, *readers)
         Loop(config, feed, latlong, recorder, told, clock, notify).run()
     return 0

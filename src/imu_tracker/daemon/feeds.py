@@ -213,7 +213,7 @@ class HardwareFeed:
         self._gps = gps_reader(config, self._put, clock)
         self._has_begun = False
         self._samples, self._sampled_ns = 0, clock.now_ns()
-        self._chip_by_ns = clock.now_ns() + CHIP_NS
+        self._begin_by_ns = clock.now_ns() + CHIP_NS
         self._imu.start()
         self._gps.start()
 
@@ -232,7 +232,7 @@ class HardwareFeed:
         now_ns = self._clock.now_ns()
         items: list[SessionHeader | Frame] = []
         if not self._has_begun:
-            if not self._imu.chip_name and now_ns < self._chip_by_ns:
+            if not self._imu.chip_name and now_ns < self._begin_by_ns:
                 return Delivery([], None)
             self._has_begun = True
             chip = {"chip": self._imu.chip_name} if self._imu.chip_name else {}
@@ -278,3 +278,4 @@ class HardwareFeed:
             reader.stop()
         for reader in (self._imu, self._gps):
             reader.join(CLOSE_S)
+        self._begin_by_ns = 0

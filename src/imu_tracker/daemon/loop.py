@@ -80,10 +80,11 @@ class Loop:
                 self.turn()
                 pacer.wait()
             self._notify("STOPPING=1")
-            self._feed.close()
-            self._take()
         finally:
+            self._feed.close()
             self._status.remove()
+        while self._take():
+            pass
         what = "told to" if self._signals.is_stop else f"{self._source} is over"
         log.info("ended: %s; %d rows", what, self._latlong.counters["rows"])
 
@@ -108,19 +109,20 @@ class Loop:
 
     # ------------------------------------------------------------- frames to rows
 
-    def _take(self) -> None:
+    def _take(self) -> bool:
+        """Take what arrived; return whether anything did."""
         items, complete_ns = self._feed.take()
         for item in items:
             if isinstance(item, SessionHeader):
                 self._begin(item)
             else:
                 self._on_frame(item)
-        if self._pipeline is None:
-            return
-        if complete_ns is not None:
-            self._write(self._pipeline.advance(complete_ns))
-        for notice in self._pipeline.take_notices():
-            log.info("%s", notice)
+        if self._pipeline is not None:
+            if complete_ns is not None:
+                self._write(self._pipeline.advance(complete_ns))
+            for notice in self._pipeline.take_notices():
+                log.info("%s", notice)
+        return bool(items)
 
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:

@@ -1,0 +1,83 @@
+"""The files of systemd/, judged by systemd's own tools where they are."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SYSTEMD = Path(__file__).parents[2] / "systemd"
+UNIT = "imu-tracker.service"
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here"
+)
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A file system with the unit installed as the README says, and its program."""
+    units = tmp_path / "etc/systemd/system"
+    units.mkdir(parents=True)
+    shutil.copy(SYSTEMD / UNIT, units)
+    program = tmp_path / "opt/imu-tracker/bin/imu-tracker"
+    for path in (program, tmp_path / "bin/kill"):
+        path.parent.mkdir(parents=True)
+        path.touch(0o755)
+    return tmp_path
+
+
+def exposure(root: Path) -> float:
+    """Return what `systemd-analyze security` says, 0 (best) to 10."""
+    said = subprocess.run(
+        ["systemd-analyze", "security", "--offline=yes", f"--root={root}", UNIT],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    match = re.search(r"Overall exposure level for \S+: ([\d.]+)", said)
+    assert match, said
+    return float(match[1])
+
+
+def test_the_service_exposes_next_to_nothing(root: Path) -> None:
+    assert exposure(root) <= 1.0
+
+
+def test_with_network_it_exposes_little_more(root: Path) -> None:
+    drop_ins = root / f"etc/systemd/system/{UNIT}.d"
+    drop_ins.mkdir()
+    shutil.copy(SYSTEMD / "network.conf", drop_ins)
+    assert 1.0 < exposure(root) <= 1.6  # above: it was read
+
+
+def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
+    # The program is nowhere on this machine: another stands for it.
+    text = (SYSTEMD / UNIT).read_text("utf-8")
+    unit = tmp_path / UNIT
+    unit.write_text(text.replace("/opt/imu-tracker/bin/imu-tracker", "/bin/true"))
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(unit)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_user_can_be_made(root: Path) -> None:
+    if shutil.which("systemd-sysusers") is None:
+        pytest.skip("systemd-sysusers is not here")
+    done = subprocess.run(
+        ["systemd-sysusers", f"--root={root}", SYSTEMD / "imu-tracker.sysusers.conf"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    passwd = (root / "etc/passwd").read_text()
+    assert re.search(r"^imu-tracker:.*:/var/lib/imu-tracker:.*nologin$", passwd, re.M)
+    groups = (root / "etc/group").read_text()
+    for group in ("i2c", "dialout"):
+        assert re.search(rf"^{group}:.*:imu-tracker$", groups, re.M)
