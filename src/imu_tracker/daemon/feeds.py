@@ -25,8 +25,8 @@ BATCH: Final = 1000
 MAX_WAITING: Final = 20_000
 """Frames that wait while the loop is busy: three minutes at 100 Hz, and 5 MB."""
 
-ARRIVAL_NS: Final = 100 * MILLISECOND_NS
-"""From an instant to its frame in the queue: the FIFO's grid, and a busy host."""
+ARRIVAL_NS: Final = 60 * MILLISECOND_NS
+"""From an instant to its frame in the queue: the grid of the FIFO, and its filter."""
 
 CHIP_NS: Final = 300 * MILLISECOND_NS
 """So long the header waits for the name of the chip."""

@@ -20,8 +20,11 @@ from imu_tracker.recording import LiveRecordingWriter
 from imu_tracker.samples import Frame, NavState, SessionHeader, Source
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock, Pacer
 
-TURN_NS: Final = 40 * MILLISECOND_NS
+TURN_NS: Final = 20 * MILLISECOND_NS
+"""Without an IMU rows come 0.4 s after their instant, `ARRIVAL_NS`, and a turn."""
+
 HEALTH_NS: Final = 60 * SECOND_NS
+
 LATE_NS: Final = 500 * MILLISECOND_NS
 """A row that is older than this when it is written is counted as late."""
 
