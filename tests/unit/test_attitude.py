@@ -61,8 +61,8 @@ def covariance(attitude: AttitudeFilter) -> np.ndarray:
 def test_levelling_takes_the_tilt_from_the_mean_force(
     roll: float, pitch: float
 ) -> None:
+    assert AttitudeFilter().is_level is False
     attitude = AttitudeFilter()
-    assert not attitude.is_level
     truth = from_euler(roll, pitch, 0.0)
     attitude.start(rotate(conjugate(truth), UP), 0.2)
     assert attitude.is_level
@@ -184,12 +184,10 @@ def test_a_gap_costs_the_yaw_and_then_the_level() -> None:
     attitude = at(0.0, 0.0, 1.0)
     attitude.update_gyro_bias((0.0, 0.0, 0.0), 0.01 * DPS)
     attitude.lose(1.0)
-    assert attitude.is_level
-    assert attitude.is_yaw_usable
+    assert (attitude.is_level, attitude.is_yaw_usable) == (True, True)
     for _ in range(100):
         attitude.lose(1.0)
-    assert not attitude.is_yaw_usable
-    assert not attitude.is_level
+    assert (attitude.is_level, attitude.is_yaw_usable) == (False, False)
     attitude.update_yaw(-2.0, 0.05)  # any yaw again: the next heading sets it
     assert attitude.yaw_rad == pytest.approx(-2.0)
 

@@ -90,7 +90,8 @@ def test_every_right_handed_mount_is_accepted_and_no_other() -> None:
     accepted = 0
     for order in permutations("xyz"):
         for signs in product("+-", repeat=3):
-            mount: Mount = tuple(s + a for s, a in zip(signs, order, strict=True))
+            x, y, z = (s + a for s, a in zip(signs, order, strict=True))
+            mount = (x, y, z)
             C_bs = np.zeros((3, 3))
             for row, (s, a) in enumerate(zip(signs, order, strict=True)):
                 C_bs[row, "xyz".index(a)] = 1.0 if s == "+" else -1.0
