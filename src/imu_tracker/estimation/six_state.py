@@ -295,7 +295,9 @@ class SixState:
                 + (self._gravity_mps2 * attitude.tilt_sigma_rad) ** 2
                 + (an * an + ae * ae) * sigma_yaw**2
             )
-            psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * self._dark_s)
+            # Rest is seen anew all the time.
+            lasted_s = 0.0 if self._is_resting else self._dark_s
+            psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
             psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
             dn, de = self._drift_m
             self._drift_m = (dn - sigma_yaw * ve * dt, de + sigma_yaw * vn * dt)
