@@ -108,8 +108,11 @@ class Journey:
         here = LocalFrame.at(truth.lat_rad, truth.lon_rad)
         return math.hypot(*here.to_ne(believed.lat_rad, believed.lon_rad))
 
-    def P(self) -> np.ndarray:
-        return self.filter._kf.P
+    def covariance(self) -> NDArray[np.float64]:
+        return np.array(self.filter._kf.P)
+
+    def yaw_sigma_deg(self) -> float:
+        return float(str(self.filter.report()["yaw_sigma_deg"]))
 
 
 # ------------------------------------------------------------------- the algebra
