@@ -1,10 +1,10 @@
 """A whole stream through the pipeline, and what is to be told about it afterwards."""
 
 import logging
+import math
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from math import degrees
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ class Replay:
 
     def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
         """Yield the rows of the log; their times grow, also from session to session."""
-        last_utc_s = float("-inf")
+        last_utc_s = -math.inf
         for item in stream:
             self._elapsed_s = self._stopwatch.read(item)
             if isinstance(item, SessionHeader):
@@ -48,12 +48,14 @@ class Replay:
                 continue
             if self._pipeline is None:
                 raise ValueError("a stream begins with its header")
-            for state in self._pipeline.feed(item):
-                if state.utc_s > last_utc_s:
-                    last_utc_s = state.utc_s
-                    self._keep(item, state)
-                    yield state
-            self._tell()
+            if due := self._pipeline.feed(item):
+                self._tell()
+                for state in due:
+                    if state.utc_s > last_utc_s:
+                        last_utc_s = state.utc_s
+                        self._keep(item, state)
+                        yield state
+        self._tell()
 
     def summary(self) -> str:
         """Say in one line what came of it."""
@@ -92,7 +94,12 @@ class Replay:
         if self._zero_utc_s is None:
             row_s = self._elapsed_s - (item.t_ns - state.t_ns) / 1e9
             self._zero_utc_s = state.utc_s - row_s
-        row = state.utc_s, degrees(state.lat_rad), degrees(state.lon_rad), state.r95_m
+        row = (
+            state.utc_s,
+            math.degrees(state.lat_rad),
+            math.degrees(state.lon_rad),
+            state.r95_m,
+        )
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
 

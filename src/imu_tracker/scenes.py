@@ -41,25 +41,24 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._zero_ns: int | None = None
-        self._last_ns = 0
-        self._is_new_session = False
+        self._zero_ns = self._last_ns = 0
+        self._has_begun = False
+        self._is_new_session = True
 
     def read(self, item: SessionHeader | Frame) -> float:
         """Return the seconds at which an item arrived, in the order of the stream."""
-        if not isinstance(item, Frame):
+        if isinstance(item, SessionHeader):
             self._is_new_session = True
-            return self._seconds(self._last_ns)
-        if self._zero_ns is None:
-            self._zero_ns = self._last_ns = item.t_ns
-        if self._is_new_session and item.t_ns < self._last_ns:
-            self._zero_ns += item.t_ns - self._last_ns
-        self._is_new_session = False
-        self._last_ns = item.t_ns
-        return self._seconds(item.t_ns)
-
-    def _seconds(self, t_ns: int) -> float:
-        return 0.0 if self._zero_ns is None else (t_ns - self._zero_ns) / _SECOND_NS
+            return (self._last_ns - self._zero_ns) / _SECOND_NS
+        t_ns = item.t_ns
+        if self._is_new_session:
+            self._is_new_session = False
+            if not self._has_begun:
+                self._has_begun, self._zero_ns = True, t_ns
+            elif t_ns < self._last_ns:
+                self._zero_ns += t_ns - self._last_ns
+        self._last_ns = t_ns
+        return (t_ns - self._zero_ns) / _SECOND_NS
 
 
 def hide_gps(

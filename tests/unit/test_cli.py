@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from imu_tracker import __version__, cli
+from imu_tracker.config import Config
 from imu_tracker.errors import (
     CalibrationError,
     ConfigError,
@@ -173,6 +174,20 @@ def test_talk_goes_to_stderr_as_much_of_it_as_wanted(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.splitlines() == heard
+
+
+def test_the_daemon_gets_the_configuration_and_decides_the_ending(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[Config] = []
+
+    def run(config: Config) -> int:
+        seen.append(config)
+        return 3
+
+    monkeypatch.setattr("imu_tracker.daemon.run", run)
+    assert cli.main(["run", "--set", "imu.bus=7"]) == 3
+    assert seen[0].imu.bus == 7
 
 
 def in_a_process(*argv: str, **options: object) -> "subprocess.CompletedProcess[str]":

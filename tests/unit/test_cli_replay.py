@@ -155,6 +155,28 @@ def test_the_score_and_what_was_learnt_are_one_json_object(
     assert score["outage"]["n"] == 81 + 41
 
 
+def test_outages_are_scored_without_a_start_in_the_header_as_well(
+    folder: Path, truth: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (folder / "drive.rec").read_text()
+    Path("a.rec").write_text(text.replace(', "start_utc": "2026-11-22T12:00:00Z"', ""))
+    scores = []
+    for recording in ("a.rec", str(folder / "drive.rec")):
+        argv = ["replay", recording, "-q", "--truth", truth, "--json"]
+        assert main([*argv, "--gps-outage", "60:20"]) == 0
+        scores.append(json.loads(capsys.readouterr().out)["score"]["outage"])
+    assert scores[0]["n"] == pytest.approx(scores[1]["n"], abs=1)
+    assert scores[0]["rms"] == pytest.approx(scores[1]["rms"], rel=0.05)
+
+
+def test_a_person_at_a_terminal_sees_how_far_it_is(
+    drive: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert main(["replay", drive, "--output", "log.csv"]) == 0
+    assert " records/s" in capsys.readouterr().err
+
+
 def test_json_without_truth_has_no_score(
     drive: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,7 +9,9 @@ from typing import get_args
 
 import pytest
 
-from imu_tracker.config import NOT_AVAILABLE, Config, Scenario, keys, load_config
+from imu_tracker.config import Config, keys, load_config
+from imu_tracker.config.tables import NOT_AVAILABLE
+from imu_tracker.config.values import Scenario
 from imu_tracker.errors import ConfigError
 from imu_tracker.samples import SessionHeader
 from imu_tracker.simulation import SCENARIOS
@@ -124,6 +126,11 @@ def test_without_file_and_overrides_there_are_the_defaults() -> None:
         ("source.kind=recording", 'source.path = "": must name the recording'),
         ("source.scenario=fly", "source.scenario = "),
         ("source.speed=0", "source.speed = 0: must be from 0.01"),
+        ("source.start_utc=0001-01-01T00:00:00+14:00", "must be an instant"),
+        ("gps.date=1970-01-01", "must be a date"),
+        ("log.path=~nobody.at.all/log.csv", "must be the path of a file"),
+        (f"imu.bus={'9' * 5000}", "must be the number N of /dev/i2c-N"),
+        (f"imu.mount={'[' * 5000}", "must be three chip axes"),
         ("source.start_utc=noon", 'source.start_utc = "noon": must be an instant'),
     ],
 )
@@ -173,6 +180,8 @@ def test_a_table_must_be_a_table(tmp_path: Path) -> None:
         ("[imu\n", "line 1, column 5: "),
         ("[imu]\nbus = 1\nbus = 2\n", "line 3, column 8: "),
         ("[imu]\nread = 'fifo", "end of the file: "),
+        (f"[imu]\nbus = {'9' * 5000}", "Exceeds the limit"),
+        (f"[imu]\nmount = {'[' * 5000}", "maximum recursion depth exceeded"),
     ],
 )
 def test_a_syntax_error_is_told_with_file_line_and_column(

@@ -7,9 +7,11 @@ import pytest
 
 from fonts import load_fonts
 from imu_tracker.errors import OutputError
+from imu_tracker.plots.chart import choose_circles
 from imu_tracker.plots.drawing import MAX_POINTS, envelope, runs
+from imu_tracker.plots.logs import joined
 from imu_tracker.plots.recording import RecordingColumns, plot_recording
-from imu_tracker.plots.tracks import LogColumns, _circles, _joined, plot_tracks
+from imu_tracker.plots.tracks import LogColumns, plot_tracks
 from imu_tracker.scoring import Track
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -60,17 +62,17 @@ def test_a_parked_tracker_becomes_a_picture(tmp_path: Path) -> None:
 
 def test_logs_of_the_same_time_are_compared(tmp_path: Path) -> None:
     logs = [a_log(400, "a.csv"), a_log(500, "b.csv")]
-    assert _joined(logs) == logs
+    assert joined(logs) == logs
     plot_tracks(logs, tmp_path / "a.png", shifted(logs[0].track))
     assert (tmp_path / "a.png").read_bytes().startswith(PNG)
 
 
 def test_logs_that_follow_one_another_are_one_track() -> None:
     late, early = a_log(4, "late.csv", 1.9e9), a_log(8, "early.csv", 1.8e9)
-    (joined,) = _joined([late, early])
-    assert joined.name == "early.csv to late.csv"
-    assert len(joined.track.utc_s) == len(joined.mode) == 12
-    assert (np.diff(joined.track.utc_s) > 0).all()
+    (one,) = joined([late, early])
+    assert one.name == "early.csv to late.csv"
+    assert len(one.track.utc_s) == len(one.mode) == 12
+    assert (np.diff(one.track.utc_s) > 0).all()
 
 
 def test_truth_of_another_day_does_not_hurt(tmp_path: Path) -> None:
@@ -82,7 +84,7 @@ def test_truth_of_another_day_does_not_hurt(tmp_path: Path) -> None:
 
 def test_a_parked_tracker_gets_one_circle() -> None:
     log = a_log(10_000)._replace(r95_m=np.full(10_000, 4.0))
-    assert len(_circles(log, np.zeros((10_000, 2)))) == 1
+    assert len(choose_circles(log, np.zeros((10_000, 2)))) == 1
 
 
 def test_the_end_of_an_outage_gets_a_circle() -> None:
@@ -90,7 +92,7 @@ def test_the_end_of_an_outage_gets_a_circle() -> None:
     east_m = np.arange(1000.0) * 100.0
     points = np.column_stack([east_m, east_m])
     last_of_outage = 60 * 4 - 1  # gps from 20 s, dr from 40 s, gpsonly from 60 s on
-    assert last_of_outage in _circles(log, points)
+    assert last_of_outage in choose_circles(log, points)
 
 
 @pytest.mark.parametrize("n", [0, 100, 50_000])

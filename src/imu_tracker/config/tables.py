@@ -1,37 +1,33 @@
-"""The configuration: one frozen model per table of the TOML file.
+"""One frozen model for each table of the TOML file, and what they mean for others.
 
-`load_config` reads a file and the `--set` overrides, and raises one `ConfigError`
-that holds every problem, a line each, the key first. What a newcomer gets wrong:
-a key that nobody wrote is not the same as a key that holds the default. A recording
-knows its own mount and profile, and only what was written overrules it, so
-`Config.tracker_settings` asks `model_fields_set`.
+What a newcomer gets wrong: a key that nobody wrote is not the same as a key that
+holds the default. A recording knows its own mount and profile, and only what was
+written overrules it, so `Config.tracker_settings` asks `model_fields_set`.
 """
 
-import difflib
-import json
 import math
 import re
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import UTC, date, datetime, time
+from collections.abc import Iterator, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from imu_tracker.calibration.counts import parse_mount
-from imu_tracker.errors import ConfigError
-from imu_tracker.samples import DEFAULT_MOUNT, Mount, SessionHeader
+from imu_tracker.config.values import (
+    Bandwidth,
+    Baud,
+    Exact,
+    FilePath,
+    IsoDate,
+    IsoInstant,
+    LeverArm,
+    MountAxes,
+    OptionalPath,
+    Position,
+    Scenario,
+)
+from imu_tracker.samples import DEFAULT_MOUNT, SessionHeader
 
 if TYPE_CHECKING:
     from imu_tracker.estimation.tracker import TrackerSettings
@@ -47,73 +43,6 @@ CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
 
 GYRO_RATE_HZ: Final = 1000
 """What the chip divides by a whole number, with its low-pass filter on."""
-
-
-def _path(value: object) -> object:
-    if not isinstance(value, str) or "\0" in value:
-        return value
-    return Path(value).expanduser() if value else None
-
-
-def _date(value: object) -> object:
-    if isinstance(value, str) and value:
-        return date.fromisoformat(value).isoformat()
-    return value.isoformat() if type(value) is date else value
-
-
-def _instant(value: object) -> object:
-    """Take what TOML or a string calls a time; without a zone it is UTC."""
-    if isinstance(value, str) and value:
-        value = datetime.fromisoformat(value)
-    elif type(value) is date:
-        value = datetime.combine(value, time())
-    if isinstance(value, datetime):
-        value = value if value.tzinfo else value.replace(tzinfo=UTC)
-        return value.astimezone(UTC).isoformat().replace("+00:00", "Z")
-    return value
-
-
-def _tuple(value: object) -> object:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _not_a_lookalike(value: object) -> object:
-    """Refuse true for 1 and 4.0 for 4, which a Literal takes."""
-    if isinstance(value, bool | float):
-        raise ValueError
-    return value
-
-
-def _right_handed(mount: Mount) -> Mount:
-    try:
-        parse_mount(mount)
-    except ConfigError as error:
-        reason = str(error).rpartition(": ")[2]
-        raise ValueError(f"must be a way to turn the chip: {reason}") from error
-    return mount
-
-
-def _position(value: str) -> str:
-    if value:
-        lat_deg, lon_deg = map(float, value.split(","))
-        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
-            raise ValueError
-    return value
-
-
-Exact = BeforeValidator(_not_a_lookalike)
-FilePath = Annotated[Path, BeforeValidator(_path)]
-OptionalPath = Annotated[Path | None, BeforeValidator(_path)]
-IsoDate = Annotated[str, BeforeValidator(_date)]
-IsoInstant = Annotated[str, BeforeValidator(_instant)]
-Position = Annotated[str, AfterValidator(_position)]
-MountAxes = Annotated[Mount, BeforeValidator(_tuple), AfterValidator(_right_handed)]
-Offset = Annotated[float, Field(ge=-100, le=100)]
-LeverArm = Annotated[tuple[Offset, Offset, Offset], BeforeValidator(_tuple)]
-
-Bandwidth = Literal[260, 256, 188, 184, 98, 94, 44, 42, 21, 20, 10, 5]
-Baud = Literal["auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800]
-Scenario = Literal["still", "walk-line", "walk-square", "roundabout", "drive"]
 
 
 def _key(default: Any, allowed: str, **limits: Any) -> Any:
@@ -336,130 +265,6 @@ class Config(Table):
             f"imu.rate_hz = {self.imu.rate_hz:g} folds into the signal; "
             f"better below {self.imu.rate_hz / 2:g}"
         ]
-
-
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """Read the file, lay the `--set` overrides over it, and check everything.
-
-    Raises
-    ------
-    ConfigError
-        With every problem, a line each. A missing file is one, too: a service
-        must not be started again and again for it.
-    """
-    tables = _read(path) if path is not None else {}
-    problems = []
-    for text in overrides:
-        try:
-            table, key, value = _parse_override(text)
-        except ConfigError as error:
-            problems.append(str(error))
-            continue
-        if isinstance(known := tables.setdefault(table, {}), dict):
-            known[key] = value
-    try:
-        config = Config.model_validate(tables)
-    except ValidationError as error:
-        problems += _describe(error.errors(), tables)
-    if problems:
-        raise ConfigError("\n".join(problems))
-    return config
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(f"{path}: no such file") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{path}: line {line}: not UTF-8 text") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: {_toml_problem(error)}") from error
-
-
-def _toml_problem(error: tomllib.TOMLDecodeError) -> str:
-    """Put the place first: `line 3, column 7: invalid value`."""
-    what, _, where = str(error).rpartition(" (at ")
-    where = where.rstrip(")").replace("end of document", "end of the file")
-    return f"{where}: {what[:1].lower()}{what[1:]}" if what else str(error)
-
-
-def _parse_override(text: str) -> tuple[str, str, Any]:
-    """Split `table.key=value`; a value that is not TOML is a bare word."""
-    name, equals, value = text.partition("=")
-    table, _, key = name.strip().partition(".")
-    if not (equals and table and key):
-        raise ConfigError(
-            f"--set {text}: must be TABLE.KEY=VALUE, like filter.profile=vehicle"
-        )
-    try:
-        parsed = tomllib.loads(f"value = {value.strip()}")
-    except tomllib.TOMLDecodeError:
-        parsed = {}
-    return table, key, parsed["value"] if len(parsed) == 1 else value.strip()
-
-
-def _describe(errors: Iterable[ErrorDetails], tables: Mapping[str, Any]) -> list[str]:
-    """Turn pydantic's findings into our lines, one for each key."""
-    lines = {error["loc"][:2]: "" for error in errors}
-    for error in errors:
-        loc = error["loc"][:2]
-        lines[loc] = lines[loc] or _line(error, tables)
-    return list(lines.values())
-
-
-def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
-    table, key, *_ = [str(part) for part in error["loc"][:2]] + ["", ""]
-    said = str(error["ctx"]["error"]) if error["type"] == "value_error" else ""
-    if not table:
-        return said
-    if table not in Config.model_fields:
-        return _unknown(table, tables[table])
-    if not key:
-        return f"{table} = {_toml(tables[table])}: must be a table, [{table}]"
-    fields = Config.model_fields[table].annotation.model_fields  # type: ignore[union-attr]
-    if key not in fields:
-        return f"{table}.{key}: no such key{_hint(key, fields)}"
-    value = tables.get(table, {}).get(key, "")
-    where = f"{table}.{key} = {_toml(value, is_hex=key == 'address')}"
-    if value in NOT_AVAILABLE.get(f"{table}.{key}", ()):
-        return (
-            f"{where}: not available in this version; must be {fields[key].description}"
-        )
-    # What we say ourselves begins with "must"; float() and the like know less.
-    ours = said if said.startswith("must") else f"must be {fields[key].description}"
-    return f"{where}: {ours}"
-
-
-def _unknown(name: str, value: Any) -> str:
-    if isinstance(value, dict):
-        return f"[{name}]: no such table{_hint(name, Config.model_fields)}"
-    homes = [f"[{table}]" for table, key, _ in keys() if key == name]
-    advice = f"it belongs below {' or '.join(homes)}" if homes else "every key has one"
-    return f"{name} = {_toml(value)}: stands outside of a table; {advice}"
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
-
-
-def _toml(value: Any, *, is_hex: bool = False) -> str:
-    """Write a value as the file would."""
-    match value:
-        case bool() | str():
-            return json.dumps(value, ensure_ascii=False)
-        case int() if is_hex:
-            return f"0x{value:02X}"
-        case list():
-            return f"[{', '.join(map(_toml, value))}]"
-        case dict():
-            return "{...}"
-        case _:
-            return str(value)
 
 
 def keys() -> Iterator[tuple[str, str, Any]]:
