@@ -173,6 +173,7 @@ def test_a_person_at_a_terminal_sees_how_far_it_is(
     drive: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("tqdm.tqdm.monitor_interval", 0)  # no thread that stays
     assert main(["replay", drive, "--output", "log.csv"]) == 0
     assert " records/s" in capsys.readouterr().err
 
