@@ -27,9 +27,10 @@ from imu_tracker.samples import GpsFix, Vec3
 ACCEL_NOISE_PSD: Final = 0.1**2
 """White acceleration noise, (m/s^2)^2/Hz: vibration, scale and timing errors."""
 
-ACCEL_BIAS_SIGMA_MPS2: Final = 0.1
-"""What remains of the accelerometer's bias in a level axis, beside the tilt that the
-attitude filter knows of: 10 mg."""
+ACCEL_BIAS_SIGMA_MPS2: Final = 0.15
+"""What remains in a level axis, beside the tilt that the attitude filter knows of:
+bias that turns with the vehicle, scale, a yaw that is the course's and not the box's.
+15 mg, a third of the datasheet's zero-g tolerance (PS-MPU-6000A section 6.2)."""
 
 UNKNOWN_ACCEL_PSD: Final = 1.5**2
 """While the yaw or the whole IMU is unknown: a vehicle's own acceleration,
@@ -284,7 +285,8 @@ class SixState:
         self._dark_s += dt
         vn, ve, _ = self._v_n()
         sigma_yaw = attitude.yaw_sigma_rad
-        psd_down = UNKNOWN_ACCEL_PSD
+        an = ae = ad = 0.0
+        psd = psd_down = ACCEL_NOISE_PSD if self._is_resting else UNKNOWN_ACCEL_PSD
         if can_rotate and attitude.is_yaw_usable:
             an, ae, ad = self._a_n
             # An error that lasts, s for a time T, has the variances s^2 T^2 of the
@@ -301,9 +303,6 @@ class SixState:
             psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
             dn, de = self._drift_m
             self._drift_m = (dn - sigma_yaw * ve * dt, de + sigma_yaw * vn * dt)
-        else:
-            an = ae = ad = 0.0
-            psd = UNKNOWN_ACCEL_PSD
         if P[3, 3] + P[4, 4] > self._cruise_var:
             psd = 0.0
         F, B, Q = self._kf.F, self._kf.B, self._kf.Q
