@@ -1,0 +1,124 @@
+"""An hour of driving: what a sample costs by its end, and how much memory it takes.
+
+A process of its own, so that its peak memory is that of the tracker alone:
+`python -m benchmarks.endurance RECORDING [--trace]` prints one JSON object.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.outputs.latlong import LatLongLog
+from imu_tracker.pipeline import track
+from imu_tracker.recording import read_recording
+from imu_tracker.samples import Frame, NavState, SessionHeader
+
+SLICE_S: Final = 300
+
+
+class Slice(NamedTuple):
+    """Some minutes of the drive."""
+
+    samples: int
+    cpu_s: float
+    peak_rss_mb: float  # of the process, so far
+    traced_kb: float  # what Python's allocator holds at its end; 0 untraced
+    traced_peak_kb: float
+
+
+class Endurance(NamedTuple):
+    """What an hour costs."""
+
+    us_per_sample: list[float]  # by slice, the best of the runs
+    slope_us_per_h: float
+    slope_sigma_us_per_h: float
+    imported_rss_mb: float  # of the process when the first sample comes
+    peak_rss_mb: list[float]
+    traced_kb: list[float]
+    traced_peak_kb: float
+
+
+def measure(recording: Path, runs: int) -> Endurance:
+    """Replay a long recording some times, and once more under `tracemalloc`."""
+    untraced = [_in_child(recording) for _ in range(runs)]
+    _, traced = _in_child(recording, "--trace")
+    costs = [
+        min(1e6 * part.cpu_s / part.samples for part in parts)
+        for parts in zip(*(slices for _, slices in untraced), strict=True)
+    ]
+    hours = (np.arange(len(costs)) + 0.5) * SLICE_S / 3600.0
+    (slope, _), covariance = np.polyfit(hours, costs, 1, cov=True)
+    imported_rss_mb, slices = untraced[0]
+    return Endurance(
+        costs,
+        float(slope),
+        float(np.sqrt(covariance[0, 0])),
+        imported_rss_mb,
+        [part.peak_rss_mb for part in slices],
+        [part.traced_kb for part in traced],
+        max(part.traced_peak_kb for part in traced),
+    )
+
+
+def _in_child(recording: Path, *options: str) -> tuple[float, list[Slice]]:
+    command = [sys.executable, "-m", "benchmarks.endurance", str(recording), *options]
+    done = subprocess.run(command, check=True, capture_output=True)
+    answer = json.loads(done.stdout)
+    return answer["imported_rss_mb"], [Slice(*part) for part in answer["slices"]]
+
+
+def _slices(recording: Path, log: LatLongLog) -> Iterator[Slice]:
+    """Track a recording into a log, and tell of every slice of it."""
+    n_frames = 0
+
+    def counted() -> Iterator[SessionHeader | Frame]:
+        nonlocal n_frames
+        for item in read_recording(recording):
+            n_frames += 1
+            yield item
+
+    n_done, since_s, end_ns = 0, time.process_time(), None
+    state: NavState
+    for state in track(counted(), TrackerSettings(profile="vehicle")):
+        log.write(state)
+        end_ns = end_ns or state.t_ns + SLICE_S * 1_000_000_000
+        if state.t_ns >= end_ns:
+            now_s = time.process_time()
+            traced, traced_peak = tracemalloc.get_traced_memory()
+            yield Slice(
+                n_frames - n_done,
+                now_s - since_s,
+                _peak_rss_mb(),
+                traced / 1e3,
+                traced_peak / 1e3,
+            )
+            n_done, since_s = n_frames, now_s
+            end_ns += SLICE_S * 1_000_000_000
+
+
+def _peak_rss_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # kB on Linux
+
+
+def _main() -> None:
+    recording = Path(sys.argv[1])
+    imported_rss_mb = _peak_rss_mb()
+    if "--trace" in sys.argv:
+        tracemalloc.start()
+    log = LatLongLog(recording.with_name("endurance.csv"))
+    slices = list(_slices(recording, log))
+    log.close()
+    print(json.dumps({"imported_rss_mb": imported_rss_mb, "slices": slices}))
+
+
+if __name__ == "__main__":
+    _main()
