@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from fake_clock import FakeClock
 from imu_tracker.config import Config
-from imu_tracker.daemon.feeds import GpsFactory, ImuFactory
+from imu_tracker.daemon.live import GpsFactory, ImuFactory
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors.gps import GpsHealth, GpsState
 from imu_tracker.simulation import simulate

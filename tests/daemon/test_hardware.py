@@ -181,7 +181,8 @@ def test_both_sensors_may_come_after_the_start(desk: Desk) -> None:
 
     def script() -> None:
         desk.receiver.unplug()
-        wait_for("a status", lambda: desk.state().get("gps", {}).get("reopens") == 0)
+        wait_for("a status", lambda: desk.state().get("state") is not None)
+        assert not desk.state()["imu"]["is_ready"]
         desk.receiver.plug()
         desk.bus.plug()
         desk.wait_for_rows(5)

@@ -11,7 +11,8 @@ from fake_clock import FakeClock
 from imu_tracker.cli import main
 from imu_tracker.config import Config, load_config
 from imu_tracker.daemon import run
-from imu_tracker.daemon.feeds import BATCH, PlayedFeed
+from imu_tracker.daemon.feeds import BATCH
+from imu_tracker.daemon.played import PlayedFeed
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.errors import ConfigError
 from imu_tracker.outputs.latlong import read_log

@@ -14,7 +14,8 @@ from imu_tracker.sensors.clock import Clock, MonotonicClock
 
 if TYPE_CHECKING:
     from imu_tracker.config import Config
-    from imu_tracker.daemon.feeds import GpsFactory, ImuFactory
+    from imu_tracker.daemon.feeds import Feed
+    from imu_tracker.daemon.live import GpsFactory, ImuFactory
 
 log = logging.getLogger(__name__)
 
@@ -52,8 +53,6 @@ def run(
     """
     with signals or Signals() as told, ExitStack() as outputs:
         # From here on SIGTERM ends it with 0; these take a second or two on a Pi.
-        from imu_tracker import hardware
-        from imu_tracker.daemon.feeds import open_feed
         from imu_tracker.daemon.loop import Loop
         from imu_tracker.outputs.appendfile import Limits
         from imu_tracker.outputs.latlong import LatLongLog
@@ -72,12 +71,30 @@ def run(
         for advice in config.advice():
             log.warning("%s", advice)
         clock = clock or MonotonicClock()
-        readers = (
+        notify = notify or systemd_notify()
+        log.info("begun: %s to %s", config.source.kind, config.log.path)
+        feed = _open_feed(config, clock, imu_reader, gps_reader)
+        Loop(config, feed, latlong, recorder, told, clock, notify).run()
+    return 0
+
+
+def _open_feed(
+    config: "Config",
+    clock: Clock,
+    imu_reader: "ImuFactory | None",
+    gps_reader: "GpsFactory | None",
+) -> "Feed":
+    """Return what the configuration asks for; the threads of sensors begin at once."""
+    from imu_tracker import hardware
+    from imu_tracker.daemon import live, played
+
+    if config.source.kind == "hardware":
+        return live.HardwareFeed(
+            config,
+            clock,
             imu_reader or hardware.imu_reader,
             gps_reader or hardware.gps_reader,
         )
-        notify = notify or systemd_notify()
-        log.info("begun: %s to %s", config.source.kind, config.log.path)
-        feed = open_feed(config, clock, *readers)
-        Loop(config, feed, latlong, recorder, told, clock, notify).run()
-    return 0
+    is_simulation = config.source.kind == "simulation"
+    stream = played.simulated(config) if is_simulation else played.recorded(config)
+    return played.PlayedFeed(stream, config.source.speed, clock)

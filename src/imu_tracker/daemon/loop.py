@@ -208,15 +208,13 @@ class Loop:
         if self._recorder is not None:
             recorded = self._recorder.counters
             total.update({f"recording_{name}": n for name, n in recorded.items()})
-        for sensor, health in self._feed.health().items():
-            for name, n in health.items():
-                if type(n) is int and name != "baud":
-                    total[f"{sensor}_{name}"] = n
+        total.update(self._feed.counters)
         return total
 
     def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
         """Return the status, see `status`."""
-        row, health = self._row, self._feed.health()
+        row = None if self._row is None else row_of(self._row)
+        health = self._feed.health()
         learnt = {} if self._pipeline is None else self._pipeline.report()
         learnt.pop("counters", None)
         return {
@@ -226,11 +224,11 @@ class Loop:
             "uptime_s": (now_ns - self._start_ns) // SECOND_NS,
             "source": self._source,
             "state": self._state,
-            "mode": None if row is None else row.mode,
-            "r95_m": None if row is None else row_of(row)["r95_m"],
+            "mode": row and row["mode"],
+            "r95_m": row and row["r95_m"],
             "row_age_s": (
-                round((now_ns - row.t_ns) / SECOND_NS, 3)
-                if row is not None and self._feed.is_live
+                round((now_ns - self._row.t_ns) / SECOND_NS, 3)
+                if self._row is not None and self._feed.is_live
                 else None
             ),
             "fix_age_s": (
@@ -238,7 +236,7 @@ class Loop:
             ),
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
-            "row": None if row is None else row_of(row),
+            "row": row,
             **health,
             "log": {
                 "path": str(self._config.log.path),

@@ -1,6 +1,6 @@
 """What `imu-tracker status` reads: one JSON object, replaced as a whole each second.
 
-Version 1 of the object, all keys always there::
+Version 1 of the object::
 
     version, pid     1; the process
     t_ns             CLOCK_MONOTONIC at writing: older than 5 s means that it hangs
@@ -10,10 +10,10 @@ Version 1 of the object, all keys always there::
     mode, r95_m      of the last row; null before
     row_age_s        since the instant of the last row; null unless hardware
     fix_age_s        since a fix was used, to the second; null before
-    imu_rate_hz      samples per second, measured; 0 while there are none
+    imu_rate_hz      samples per second, measured; 0 while none come; null when played
     disk_free_mb     where the log is; null when it cannot be told
     row              the last row, by the columns of the log; null before
-    imu, gps, queue  how each sensor is; absent for other sources
+    imu, gps         how each sensor is; absent for other sources
     log              path, is_failing (rows wait in memory: the disk takes none)
     counters         everything that was counted since the start, by name
     learnt           what the estimator found out
