@@ -95,10 +95,14 @@ class SixState:
         self._gate = Gate(profile)
         self._kf = KalmanFilter(dim_x=6, dim_z=2, dim_u=3)
         self._kf.B = np.zeros((6, 3))
+        # The diagonals of their 3x3 blocks, as views that are filled at each step.
+        self._F_pv = np.einsum("aa->a", self._kf.F[:3, 3:])
+        self._B_p, self._B_v = np.einsum("iaa->ia", self._kf.B.reshape(2, 3, 3))
+        self._Q_blocks = np.einsum("iaja->ija", self._kf.Q.reshape(2, 3, 2, 3))
         # Of the whole run, not of an instant: never taken back.
         self._fix_ns: int | None = None
         self._fix_period_s = 1.0
-        self._sigma_h_m = 0.0
+        self._sigma_h_m = 0.0  # of the receiver; 0: not yet known
         self._nis_level = 1.0
         self._bias_nis = 0.0
         self._mean_innovation = np.zeros(2)
@@ -128,7 +132,7 @@ class SixState:
         self._kf.x = np.zeros(6)
         any_speed = 0.25 * self._cruise_var
         self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
-        self._sigma_h_m = sigma_m
+        self._sigma_h_m = 0.0
         self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
         self._nis_level, self._bias_nis = 1.0, 0.0
         self._mean_innovation = np.zeros(2)
@@ -305,16 +309,13 @@ class SixState:
             self._drift_m = (dn - sigma_yaw * ve * dt, de + sigma_yaw * vn * dt)
         if P[3, 3] + P[4, 4] > self._cruise_var:
             psd = 0.0
-        F, B, Q = self._kf.F, self._kf.B, self._kf.Q
-        # The diagonals of the 3x3 blocks, as strides of the flat matrices.
-        F.flat[3:18:7] = dt
-        B.flat[0:9:4] = 0.5 * dt * dt
-        B.flat[9:18:4] = dt
         psd += clipped_mps**2 / dt
         psds = np.array((psd, psd, psd_down))
-        Q.flat[0:15:7] = psds * (dt**3 / 3.0)
-        Q.flat[3:18:7] = Q.flat[18:33:7] = psds * (dt * dt / 2.0)
-        Q.flat[21:36:7] = psds * dt
+        self._F_pv.fill(dt)
+        self._B_p.fill(0.5 * dt * dt)
+        self._B_v.fill(dt)
+        growth = np.array((dt**3 / 3.0, dt * dt / 2.0, dt * dt / 2.0, dt))
+        self._Q_blocks[...] = growth.reshape(2, 2, 1) * psds
         self._kf.predict(np.array((an, ae, ad)))
 
     def _constrain(self, is_resting: bool, can_rotate: bool) -> None:
@@ -459,7 +460,7 @@ class SixState:
         under trees: R grows. Innovations that keep to one side are the filter's
         error: P grows (`_fading`), and it follows the receiver.
         """
-        if self._n_nis == 0:
+        if self._sigma_h_m == 0.0:
             self._sigma_h_m = fix.sigma_h_m
         self._n_nis += 1
         self._nis_sum += nis
@@ -484,7 +485,7 @@ class SixState:
         alt_m = self.estimate().alt_m if fix.alt_m is None else fix.alt_m
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self._alt_origin_m = alt_m
-        self._doubt_m = 0.0
+        self._sigma_h_m, self._doubt_m = fix.sigma_h_m, 0.0
         if fix.vel_ne_mps is not None:
             self._kf.x = np.array([0.0, 0.0, 0.0, *fix.vel_ne_mps, 0.0])
             variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3
