@@ -33,8 +33,10 @@ GPS_MODE_NS: Final = 2_000_000_000
 GPS_MODE_PERIODS: Final = 1.5
 """A row is `gps` when a fix was used within the longer of these."""
 
-REST_VETO_NS: Final = 5_000_000_000
-"""A fix that does not fit the rest speaks against it for so long."""
+REST_VETO_NS: Final = 10_000_000_000
+REST_VETO_FIXES: Final = 5
+"""Fixes that agree on another place speak against rest for the longer of these: until
+the filter has learnt the speed from them, when the receiver does not tell it."""
 
 START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
@@ -173,8 +175,9 @@ class Tracker:
             and not is_lone
         ):
             self._standstill.observe_speed(fix.t_ns, math.hypot(*fix.vel_ne_mps))
-        if self._n_outliers > 1 and self._past and self._past[-1].rest:
-            self._standstill.veto(self._now_ns + REST_VETO_NS)
+        if self._n_outliers > 1 or outcome is FixOutcome.REACQUIRED:
+            veto_ns = max(REST_VETO_NS, REST_VETO_FIXES * min(self._fix_periods_ns))
+            self._standstill.veto(self._now_ns + veto_ns)
         if outcome in USED_OUTCOMES:
             self._used_ns = self._now_ns
         if outcome is FixOutcome.REACQUIRED:
@@ -207,7 +210,7 @@ class Tracker:
             if past:
                 estimator.restore(past[-1].saved)
             return outcome
-        for i in range(index, len(past)):
+        for i in range(max(index, 0), len(past)):
             t_ns, step, rest, _ = past[i]
             if i > index:
                 estimator.propagate(step, rest)
