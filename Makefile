@@ -70,7 +70,7 @@ acceptance: install ## Run the long tests: all seeds, all drives; takes hours
 	$(BIN)/pytest -m acceptance --numprocesses=auto
 
 benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
-	$(BIN)/python benchmarks
+	$(BIN)/python -m benchmarks
 
 clean: ## Remove what was made here, the environment too
 	rm -rf $(VENV) demo build dist htmlcov .coverage .coverage.* .hypothesis \
