@@ -114,7 +114,9 @@ def _main() -> None:
     imported_rss_mb = _peak_rss_mb()
     if "--trace" in sys.argv:
         tracemalloc.start()
-    log = LatLongLog(recording.with_name("endurance.csv"))
+    path = recording.with_name("endurance.csv")
+    path.unlink(missing_ok=True)  # a log takes no row that is earlier than its last
+    log = LatLongLog(path)
     slices = list(_slices(recording, log))
     log.close()
     print(json.dumps({"imported_rss_mb": imported_rss_mb, "slices": slices}))
