@@ -477,7 +477,12 @@ class SixState:
         self._sigma_h_m += 0.5 * forget * (fix.sigma_h_m - self._sigma_h_m)
 
     def _fading(self) -> float:
-        """Factor by which P grows at a fix, when innovations keep to one side."""
+        """Factor by which P grows at a fix, when innovations keep to one side.
+
+        At rest they may: it is the receiver that wanders then.
+        """
+        if self._is_resting:
+            return 1.0
         return min(max(self._bias_nis, 1.0), MAX_FADING)
 
     def _restart(self, fix: GpsFix) -> None:
