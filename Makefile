@@ -64,7 +64,8 @@ types: install ## Check types
 	$(BIN)/mypy
 
 unit: install ## Run the tests alone
-	$(BIN)/pytest --numprocesses=auto --cov --cov-report=term --cov-fail-under=90
+	$(BIN)/pytest --numprocesses=auto --cov --cov-report=term --cov-fail-under=90 \
+		--durations=10 --durations-min=2
 
 acceptance: install ## Run the long tests: all seeds, all drives; takes hours
 	$(BIN)/pytest -m acceptance --numprocesses=auto
