@@ -70,6 +70,7 @@ def test_json_is_passed_on_as_it_is(
         (60, None, "not running"),
         (-60, 1, "before the last start of this computer"),
     ],
+    ids=["alive", "gone", "never there", "before the last boot"],
 )
 def test_a_stale_status_is_exit_69(
     age_s: int,

@@ -200,7 +200,9 @@ def test_bad_truth_is_told_with_its_line(
 
 
 @pytest.mark.parametrize(
-    "data", [b"\x1f\x8b\x08 no gzip", gzip.compress(ROWS.encode())[:-20], b"\xff\xfe,"]
+    "data",
+    [b"\x1f\x8b\x08 no gzip", gzip.compress(ROWS.encode())[:-20], b"\xff\xfe,"],
+    ids=["no gzip", "cut gzip", "no text"],
 )
 def test_truth_that_is_no_text_is_bad_data(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "truth.csv"
