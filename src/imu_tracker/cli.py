@@ -51,8 +51,8 @@ try it without any hardware:
   imu-tracker plot drive.csv --truth truth.csv --output drive.png
 
 on the Raspberry Pi:
-  imu-tracker check --config /etc/imu-tracker.toml
-  imu-tracker run --config /etc/imu-tracker.toml
+  imu-tracker check --config /etc/imu-tracker/imu-tracker.toml
+  imu-tracker run --config /etc/imu-tracker/imu-tracker.toml
 
 exit codes:
   0 done                     66 input file missing     73 output cannot be opened

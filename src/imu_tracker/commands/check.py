@@ -19,7 +19,7 @@ say how to mend what is missing. Ends with 0, or with the code of the first prob
 sensors of a daemon that runs are left alone."""
 
 _EXAMPLES = """\
-  imu-tracker check --config /etc/imu-tracker.toml
+  imu-tracker check --config /etc/imu-tracker/imu-tracker.toml
   imu-tracker check --set imu.bus=0
   imu-tracker check --set gps.port=/dev/ttyACM0"""
 

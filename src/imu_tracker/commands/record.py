@@ -42,7 +42,7 @@ a bug report, or to measure the sensors. Nothing is estimated. The chip must be 
 at the start; a receiver may come later."""
 
 _EXAMPLES = """\
-  imu-tracker record --config /etc/imu-tracker.toml --output drive.rec.gz
+  imu-tracker record --config /etc/imu-tracker/imu-tracker.toml --output drive.rec.gz
   imu-tracker record --output still.rec --duration 7200"""
 
 

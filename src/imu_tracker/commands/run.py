@@ -14,7 +14,7 @@ the log.
 what is going on meanwhile."""
 
 _EXAMPLES = """\
-  imu-tracker run --config /etc/imu-tracker.toml
+  imu-tracker run --config /etc/imu-tracker/imu-tracker.toml
   imu-tracker run --config config/demo.toml          no hardware: a simulated drive
   imu-tracker run --set source.kind=simulation --set log.path=latlong.csv"""
 

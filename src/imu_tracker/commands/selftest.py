@@ -25,7 +25,7 @@ Many cheap boards carry no factory values, or a chip of another family: their ax
 "not graded" or "not applicable", which says nothing against them."""
 
 _EXAMPLES = """\
-  imu-tracker selftest --config /etc/imu-tracker.toml
+  imu-tracker selftest --config /etc/imu-tracker/imu-tracker.toml
   imu-tracker selftest --set imu.address=0x69"""
 
 

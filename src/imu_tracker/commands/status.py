@@ -126,7 +126,7 @@ def _text(value: object) -> str:
         case bool():
             return "yes" if value else "no"
         case float():
-            return f"{value:.10g}"
+            return f"{value:.12g}"
         case list():
             return ", ".join(map(_text, value)) or "-"
         case _:
