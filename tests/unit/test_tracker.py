@@ -9,7 +9,8 @@ import pytest
 from body import DPS, SECOND_NS, Body
 from imu_tracker.estimation.gate import FixOutcome
 from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.tracker import HISTORY_NS, Tracker, TrackerSettings
+from imu_tracker.estimation.navigator import HISTORY_NS
+from imu_tracker.estimation.tracker import Tracker, TrackerSettings
 from imu_tracker.samples import (
     GpsFix,
     ImuSample,

@@ -47,6 +47,14 @@ MOVING_MPS: Final = 0.7
 """Speed of a receiver above which it contradicts rest; parked ones show up to this."""
 
 
+STANDING_MPS: Final = 0.3
+AGREED_FIXES: Final = 3
+AGREED_FACTOR: Final = 4.0
+"""While a receiver says, fix after fix, that the body stands, more shaking is allowed:
+an idling diesel, a fan, wind. Rate and force must agree all the same. Its word comes
+late: only who tells rest in hindsight may use it."""
+
+
 class Rest(NamedTuple):
     """What the sensors read while at rest, means over the window in body axes."""
 
@@ -63,9 +71,15 @@ class StandstillDetector:
     Levels of vibration are kept for rest and for motion, each told by the receiver's
     speed; the threshold lies at their geometric mean, within a factor of the start
     value. One sum is kept per quantity, so that a step costs the same at any window.
+
+    Parameters
+    ----------
+    in_hindsight : bool
+        Rest is used a second or more after it was told.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, in_hindsight: bool = False) -> None:
+        self._in_hindsight = in_hindsight
         self._steps: deque[ImuStep] = deque()
         self._sums: tuple[float, ...] = (0.0,) * 9  # n, gyro, accel, their squares
         self._rest_since_ns: int | None = None
@@ -73,6 +87,7 @@ class StandstillDetector:
         self._speed_ns = 0
         self._vetoed_until_ns = 0
         self._log_levels: dict[bool, tuple[float, float]] = {}
+        self._n_slow = 0
         self._gyro_std = self._accel_std = math.inf
         self.gyro_threshold_radps = START_GYRO_STD_RADPS
         self.accel_threshold_mps2 = START_ACCEL_STD_MPS2
@@ -80,10 +95,11 @@ class StandstillDetector:
     def observe_speed(self, t_ns: int, speed_mps: float) -> None:
         """Hear the receiver's speed; learn the level of vibration that goes with it."""
         self._speed_mps, self._speed_ns = speed_mps, t_ns
+        self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
         if not math.isfinite(self._gyro_std):
             return
         is_moving = speed_mps > 4.0 * MOVING_MPS
-        if not is_moving and speed_mps > 0.3:
+        if not is_moving and speed_mps > STANDING_MPS:
             return  # neither surely at rest nor surely moving
         now = (
             math.log(max(self._gyro_std, 1e-6)),
@@ -139,9 +155,10 @@ class StandstillDetector:
         gyro, self._gyro_std = _mean_and_std(n, (gx, gy, gz), gyro_sq)
         accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
         deviation = math.dist(gyro, gyro_bias_radps)
+        agreed = AGREED_FACTOR if self._receiver_rests(step.t_ns) else 1.0
         is_quiet = (
-            self._gyro_std < self.gyro_threshold_radps
-            and self._accel_std < self.accel_threshold_mps2
+            self._gyro_std < self.gyro_threshold_radps * agreed
+            and self._accel_std < self.accel_threshold_mps2 * agreed
             and deviation < MAX_BIAS_DEVIATION_RADPS + 3.0 * gyro_bias_sigma_radps
             and abs(math.hypot(*accel) - GRAVITY_MPS2) < MAX_GRAVITY_DEVIATION_MPS2
             and not self._is_leaving(gyro, accel)
@@ -179,6 +196,14 @@ class StandstillDetector:
         return (
             math.dist(gyro_sums, gyro) > LEAVING_RADPS
             or math.dist(accel_sums, accel) > LEAVING_MPS2
+        )
+
+    def _receiver_rests(self, t_ns: int) -> bool:
+        """Whether the receiver has said for some time that the body stands."""
+        return (
+            self._in_hindsight
+            and t_ns - self._speed_ns < 3e9
+            and self._n_slow >= AGREED_FIXES
         )
 
     def _is_contradicted(

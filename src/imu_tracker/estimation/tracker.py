@@ -7,27 +7,28 @@ steps since. Rows lie on the grid of UTC and never use what arrived after them.
 """
 
 import math
-from collections import Counter, deque
-from typing import Final, NamedTuple
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
-from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimator
+from imu_tracker.estimation.error_state import ErrorState
+from imu_tracker.estimation.estimator import R95_PER_SIGMA
 from imu_tracker.estimation.gate import FixOutcome
-from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.estimation.navigator import (
+    COAST_NS,
+    USED_OUTCOMES,
+    Navigator,
+    Rewinding,
+)
 from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
 from imu_tracker.estimation.six_state import SixState
 from imu_tracker.estimation.standstill import Rest, StandstillDetector
 from imu_tracker.estimation.utc import UtcClock
 from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
 
-HISTORY_NS: Final = 3_000_000_000
-"""How late a fix may come: receivers that smooth their course take up to 2 s."""
-
-COAST_NS: Final = 100_000_000
-"""Length of a step through time in which the IMU says nothing."""
-
 COAST_AFTER_NS: Final = 400_000_000
-"""Such a step is made so long after its beginning: until then rows wait for the IMU,
-and no row may come half a second late."""
+"""A step through silence is made so long after its beginning: until then rows wait for
+the IMU, and no row may come half a second late."""
 
 GPS_MODE_NS: Final = 2_000_000_000
 GPS_MODE_PERIODS: Final = 1.5
@@ -38,15 +39,12 @@ REST_VETO_FIXES: Final = 5
 """Fixes that agree on another place speak against rest for the longer of these: until
 the filter has learnt the speed from them, when the receiver does not tell it."""
 
+TYPICAL_LATENCY_S: Final = 0.2
+"""From the instant that an epoch describes to its first byte, for most receivers."""
+
 START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
 that fix is then taken like any other."""
-
-USED_OUTCOMES: Final = (
-    FixOutcome.INITIALISED,
-    FixOutcome.ACCEPTED,
-    FixOutcome.REACQUIRED,
-)
 
 UNHEARD_OUTCOMES: Final = (FixOutcome.TOO_LATE, FixOutcome.FROZEN)
 """Of these not even the speed is believed."""
@@ -66,22 +64,22 @@ class TrackerSettings(NamedTuple):
 
     estimator: str = "six-state"
     profile: str = "free"
-    latency_s: float = 0.2
+    latency_s: float | None = 0.2  # None: measured, by estimators that can
     lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
     rate_hz: int = 4
     mount: Mount | None = None  # None: the header's
     gps_date: str = ""
     start: tuple[float, float] | None = None  # latitude, longitude in radians
     start_radius_m: float = 50.0
+    prior: Mapping[str, Any] | None = None  # what an earlier run learnt
 
 
-class _Past(NamedTuple):
-    """One step of the history, and the estimator after it."""
-
-    t_ns: int
-    step: ImuStep
-    rest: Rest | None
-    saved: object
+def navigator_of(settings: TrackerSettings) -> Navigator:
+    """Make the estimator that the configuration chooses."""
+    if settings.estimator == "error-state":
+        return ErrorState(settings.profile, settings.lever_arm_m, settings.prior)
+    profile = "free" if settings.profile == "auto" else settings.profile
+    return Rewinding(SixState(profile, settings.lever_arm_m))
 
 
 class Tracker:
@@ -94,14 +92,18 @@ class Tracker:
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        self._estimator: Estimator = SixState(settings.profile, settings.lever_arm_m)
+        self._navigator = navigator_of(settings)
         self._fixes: Counter[str] = Counter()
         self._preintegrator = Preintegrator()
-        self._standstill = StandstillDetector()
-        self._latency_ns = round(settings.latency_s * 1e9)
+        self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
+        latency_s = settings.latency_s
+        if latency_s is None:
+            latency_s = TYPICAL_LATENCY_S
+        self._latency_ns = round(latency_s * 1e9)
         self._utc = UtcClock(self._latency_ns)
         self._period_ns = 1_000_000_000 // settings.rate_hz
-        self._past: deque[_Past] = deque()
+        self._last_step: ImuStep | None = None
+        self._last_rest: Rest | None = None
         self._now_ns = 0
         self._step_ns: int | None = None  # end of the last step
         self._is_started = self._is_guess = False
@@ -147,7 +149,7 @@ class Tracker:
         self._utc.observe(time.t_ns, time.utc_s)
         if self._settings.start is not None and not self._is_started:
             lat_rad, lon_rad = self._settings.start
-            self._estimator.start(
+            self._navigator.start(
                 lat_rad, lon_rad, self._settings.start_radius_m / R95_PER_SIGMA
             )
             self._begin(time.t_ns)
@@ -185,37 +187,14 @@ class Tracker:
         return outcome
 
     def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
-        """Go back to the fix's instant, apply it, and repeat the steps since."""
-        estimator, past = self._estimator, self._past
+        """Give the fix to the navigator; the first one starts it."""
         # A receiver's buffer may be full of old fixes: until the first row is out,
         # each begins anew.
         is_first = self._row_utc_ns is None or self._is_guess
         if is_first:
             self._begin(instant_ns)
-        if past and instant_ns < past[0].t_ns - COAST_NS and not is_first:
-            return FixOutcome.TOO_LATE
-        index = len(past) - 1
-        while index > 0 and 2 * instant_ns < past[index].t_ns + past[index - 1].t_ns:
-            index -= 1
-        ahead_s = 0.0
-        if past:
-            estimator.restore(past[index].saved)
-            ahead_s = (instant_ns - past[index].t_ns) * 1e-9
-        if is_first:
-            sigma_m = START_FACTOR * fix.sigma_h_m
-            estimator.start(fix.lat_rad, fix.lon_rad, sigma_m)
-            ahead_s = max(ahead_s, -COAST_NS * 1e-9)
-        outcome = estimator.update(fix, ahead_s)
-        if outcome not in USED_OUTCOMES:
-            if past:
-                estimator.restore(past[-1].saved)
-            return outcome
-        for i in range(max(index, 0), len(past)):
-            t_ns, step, rest, _ = past[i]
-            if i > index:
-                estimator.propagate(step, rest)
-            past[i] = _Past(t_ns, step, rest, estimator.snapshot())
-        return FixOutcome.INITIALISED if is_first else outcome
+        start_sigma_m = START_FACTOR * fix.sigma_h_m if is_first else 0.0
+        return self._navigator.take(fix, instant_ns, start_sigma_m)
 
     def _begin(self, t_ns: int) -> None:
         """Rows can be made from now on, with an IMU or without."""
@@ -234,15 +213,13 @@ class Tracker:
     # ------------------------------------------------------------- steps and rows
 
     def _on_step(self, step: ImuStep) -> list[NavState]:
-        estimator, past = self._estimator, self._past
-        bias, bias_sigma = estimator.gyro_bias()
-        rest = self._standstill.add(step, bias, bias_sigma, *estimator.speed())
-        estimator.propagate(step, rest)
+        navigator = self._navigator
+        bias, bias_sigma = navigator.gyro_bias()
+        rest = self._standstill.add(step, bias, bias_sigma, *navigator.speed())
+        navigator.step(step, rest)
         self._preintegrator.gyro_bias_radps = bias
         self._step_ns = step.t_ns
-        past.append(_Past(step.t_ns, step, rest, estimator.snapshot()))
-        while step.t_ns - past[0].t_ns > HISTORY_NS:
-            past.popleft()
+        self._last_step, self._last_rest = step, rest
         return self._due_rows()
 
     def _due_rows(self) -> list[NavState]:
@@ -266,19 +243,14 @@ class Tracker:
     def _row(self, row_ns: int, row_utc_ns: int) -> NavState:
         """State at an instant near the end of the last step."""
         assert self._step_ns is not None
-        believed = self._estimator.estimate()
-        dt = (row_ns - self._step_ns) * 1e-9
-        vn, ve, vd = believed.v_n_mps
-        here = LocalFrame.at(believed.lat_rad, believed.lon_rad)
-        lat_rad, lon_rad = here.to_lat_lon(vn * dt, ve * dt)
-        alt_m = None if believed.alt_m is None else believed.alt_m - vd * dt
+        believed = self._navigator.estimate_after((row_ns - self._step_ns) * 1e-9)
         mode = self._mode_at(row_ns)
         return NavState(
             row_ns,
             row_utc_ns * 1e-9,
-            lat_rad,
-            lon_rad,
-            alt_m,
+            believed.lat_rad,
+            believed.lon_rad,
+            believed.alt_m,
             believed.v_n_mps,
             believed.q_nb,
             believed.r95_m,
@@ -288,9 +260,9 @@ class Tracker:
     def _mode_at(self, row_ns: int) -> Mode:
         # Of two intervals the shorter one: an outage is none.
         window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * min(self._fix_periods_ns)))
-        if not self._past or self._past[-1].step.is_gap:
+        if self._last_step is None or self._last_step.is_gap:
             mode = Mode.GPSONLY
-        elif self._past[-1].rest is not None:
+        elif self._last_rest is not None:
             mode = Mode.STILL
         elif self._used_ns is not None and row_ns - self._used_ns <= window_ns:
             mode = Mode.GPS
@@ -312,12 +284,16 @@ class Tracker:
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
         notices, self._notices = self._notices, []
-        return notices
+        return notices + self._navigator.take_notices()
+
+    def learnt(self) -> dict[str, object]:
+        """What a next start can begin with."""
+        return self._navigator.learnt()
 
     def report(self) -> dict[str, object]:
         """What was learnt."""
         return {
-            **self._estimator.report(),
+            **self._navigator.report(),
             "still_gyro_threshold_dps": math.degrees(
                 self._standstill.gyro_threshold_radps
             ),

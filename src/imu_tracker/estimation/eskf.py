@@ -1,0 +1,387 @@
+"""A strapdown solution, and the Kalman filter of its errors.
+
+`Eskf` integrates steps (`propagate`), lets the errors grow (`predict`), and folds
+measurements in (`apply`). What is measured, when, and whether it is believed is
+decided elsewhere.
+"""
+
+import math
+from collections.abc import Mapping
+from copy import copy
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from imu_tracker.estimation.error_model import (
+    ACCEL_NOISE_PSD,
+    AXLE,
+    DELAY,
+    GYRO_NOISE_PSD,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    N_ERRORS,
+    OFF_TIME_GROWTH,
+    SHAKEN_S,
+    VELOCITY_DELAY,
+    YAW_SCALE,
+    Array,
+    NoiseLevel,
+    process_noise,
+    start_covariance,
+    transition,
+)
+from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.estimation.rotation import (
+    IDENTITY,
+    conjugate,
+    from_rotation_vector,
+    matrix,
+    multiply,
+    normalise,
+    rotate,
+    turn_about_down,
+)
+from imu_tracker.samples import Quat, Vec3
+
+START_AXLE_M: Final = 1.2
+"""A box on the dashboard sits 1.8 m ahead of the rear axle, one in the boot behind."""
+
+_ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
+_DOUBTED_TILT_RAD: Final = math.radians(3.0)
+_SHAKING_MEMORY_S: Final = 1.0
+
+
+class Measurement(NamedTuple):
+    """An innovation `z = H errors + noise(R)`."""
+
+    z: Array  # shape (m,)
+    H: Array  # shape (m, 23)
+    R: Array  # shape (m, m)
+
+
+class Nominal(NamedTuple):
+    """Where the body is, how it moves and how it lies, at one instant."""
+
+    t_ns: int
+    p_n: Vec3
+    v_n: Vec3
+    q_nb: Quat
+
+
+class Eskf:
+    """Position, velocity, attitude and all that bends them.
+
+    Parameters
+    ----------
+    noise : NoiseLevel
+    is_vehicle : bool
+        Whether the mounting is learnt.
+
+    Attributes
+    ----------
+    nominal : Nominal
+    gyro_bias_radps, accel_bias_mps2 : Vec3, body axes
+    q_vb : Quat
+        Mounting: takes the box's axes to the vehicle's.
+    receiver_ne_m : (north, east), m
+        Lasting error of the receiver.
+    delay_s, velocity_delay_s : float
+        A fix describes so much later than its nominal instant.
+    yaw_scale : float
+    axle_m : float
+    P : ndarray, shape (23, 23)
+    """
+
+    def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
+        self.noise = noise
+        self._is_vehicle = is_vehicle
+        self._kf = KalmanFilter(dim_x=N_ERRORS, dim_z=2)
+        self._kf.x = np.zeros(N_ERRORS)
+        self._kf.P = start_covariance(is_vehicle=is_vehicle)
+        self.nominal = Nominal(0, _ZERO, _ZERO, IDENTITY)
+        self.gravity_mps2 = 9.81
+        self.gyro_bias_radps: Vec3 = _ZERO
+        self.accel_bias_mps2: Vec3 = _ZERO
+        self.q_vb: Quat = IDENTITY
+        self.receiver_ne_m = (0.0, 0.0)
+        self.receiver_var = 4.0
+        self.delay_s = self.velocity_delay_s = self.yaw_scale = 0.0
+        self.axle_m = START_AXLE_M
+        self.a_n: Vec3 = _ZERO  # mean of the last stretch
+        self.rate_n: Vec3 = _ZERO
+        self._dt = 0.0
+        self._dv_n: Vec3 = _ZERO
+        self._turn_n: Vec3 = _ZERO
+        self._gyro_scatter_var = self._accel_scatter_var = 0.0
+
+    def clone(self, noise: NoiseLevel) -> "Eskf":
+        """Copy with another noise level; arrays are replaced, never changed."""
+        other = copy(self)
+        other._kf = copy(self._kf)
+        other.noise = noise
+        return other
+
+    @property
+    def P(self) -> Array:
+        """Covariance of the errors."""
+        P: Array = self._kf.P
+        return P
+
+    @P.setter
+    def P(self, P: Array) -> None:
+        self._kf.P = P
+
+    def set_vehicle(self, *, is_vehicle: bool) -> None:
+        """Begin, or cease, to learn a mounting."""
+        self._is_vehicle = is_vehicle
+        fresh = start_covariance(is_vehicle=is_vehicle)
+        P = self._kf.P.copy()
+        for i in (MOUNT_PITCH, MOUNT_YAW):
+            P[i, :] = P[:, i] = 0.0
+            P[i, i] = fresh[i, i]
+        self._kf.P = P
+
+    @property
+    def accel_std_mps2(self) -> float:
+        """Scatter of the force within steps, of the last second."""
+        return math.sqrt(self._accel_scatter_var)
+
+    def learnt(self) -> dict[str, object]:
+        """What outlasts a run, with its standard deviations."""
+        return {
+            "gyro_bias_radps": list(self.gyro_bias_radps),
+            "accel_bias_mps2": list(self.accel_bias_mps2),
+            "q_vb": list(self.q_vb),
+            "delay_s": self.delay_s,
+            "velocity_delay_s": self.velocity_delay_s,
+            "yaw_scale": self.yaw_scale,
+            "axle_m": self.axle_m,
+            "sigmas": [self.sigma(i) for i in range(N_ERRORS)],
+        }
+
+    def begin_with(self, prior: Mapping[str, Any]) -> None:
+        """Take over what an earlier run learnt; doubts have grown."""
+        x, y, z = prior["gyro_bias_radps"]
+        self.gyro_bias_radps = (x, y, z)
+        x, y, z = prior["accel_bias_mps2"]
+        self.accel_bias_mps2 = (x, y, z)
+        if self._is_vehicle:
+            w, x, y, z = prior["q_vb"]
+            self.q_vb = normalise((w, x, y, z))
+        self.delay_s = float(prior["delay_s"])
+        self.velocity_delay_s = float(prior["velocity_delay_s"])
+        self.yaw_scale, self.axle_m = float(prior["yaw_scale"]), float(prior["axle_m"])
+        P = self._kf.P.copy()
+        for where, growth in OFF_TIME_GROWTH:
+            for i in range(where.start, where.stop):
+                P[i, i] = min(P[i, i], prior["sigmas"][i] ** 2 + growth**2)
+        self._kf.P = P
+
+    # ------------------------------------------------------------------ strapdown
+
+    def advanced(self, start: Nominal, step: ImuStep, *, use_force: bool) -> Nominal:
+        """Strapdown over a step; `use_force` unless the yaw is unknown.
+
+        Notes
+        -----
+        v' = v + C_nb (dv_b - b_a dt) + g dt, p' = p + (v + v') / 2 dt,
+        q' = q exp(dtheta_b - b_g dt), turned about down by s_yaw of its own turn.
+        """
+        dt = step.dt_s
+        _, (pn, pe, pd), (vn, ve, vd), q_nb = start
+        if step.is_gap:
+            p_n = (pn + vn * dt, pe + ve * dt, pd + vd * dt)
+            return Nominal(step.t_ns, p_n, start.v_n, q_nb)
+        if use_force:
+            dvn, dve, dvd = self._force(q_nb, step)
+            dvd += self.gravity_mps2 * dt
+        else:
+            dvn = dve = dvd = 0.0
+        half = 0.5 * dt
+        p_n = (
+            pn + (vn + 0.5 * dvn) * dt,
+            pe + (ve + 0.5 * dve) * dt,
+            pd + vd * dt + dvd * half,
+        )
+        q_nb = multiply(q_nb, from_rotation_vector(self._turn_b(step)))
+        if self.yaw_scale:
+            turn_down = rotate(q_nb, self._turn_b(step))[2]
+            q_nb = turn_about_down(q_nb, self.yaw_scale * turn_down)
+        return Nominal(step.t_ns, p_n, (vn + dvn, ve + dve, vd + dvd), normalise(q_nb))
+
+    def _force(self, q_nb: Quat, step: ImuStep) -> Vec3:
+        (x, y, z), (bx, by, bz), dt = step.dv_b_mps, self.accel_bias_mps2, step.dt_s
+        return rotate(q_nb, (x - bx * dt, y - by * dt, z - bz * dt))
+
+    def _turn_b(self, step: ImuStep) -> Vec3:
+        (x, y, z), (bx, by, bz), dt = step.dtheta_b_rad, self.gyro_bias_radps, step.dt_s
+        return (x - bx * dt, y - by * dt, z - bz * dt)
+
+    def propagate(self, step: ImuStep, *, use_force: bool) -> None:
+        """Move the solution on by a step, and remember what the errors need."""
+        start = self.nominal
+        self.nominal = self.advanced(start, step, use_force=use_force)
+        dt = step.dt_s
+        self._dt += dt
+        if step.is_gap:
+            return
+        fx, fy, fz = self._force(start.q_nb, step)
+        x, y, z = self._dv_n
+        self._dv_n = (x + fx, y + fy, z + fz)
+        tx, ty, tz = rotate(start.q_nb, self._turn_b(step))
+        x, y, z = self._turn_n
+        self._turn_n = (x + tx, y + ty, z + tz)
+        forget = min(dt / _SHAKING_MEMORY_S, 1.0)
+        self._gyro_scatter_var += forget * (
+            _scatter(step.n_samples, step.gyro_sum_radps, step.gyro_sq_sum)
+            - self._gyro_scatter_var
+        )
+        self._accel_scatter_var += forget * (
+            _scatter(step.n_samples, step.accel_sum_mps2, step.accel_sq_sum)
+            - self._accel_scatter_var
+        )
+
+    @property
+    def stretch(self) -> tuple[Vec3, float]:
+        """Level acceleration summed since the last prediction, and its time."""
+        x, y, z = self._dv_n
+        return (x, y, z + self.gravity_mps2 * self._dt), self._dt
+
+    # --------------------------------------------------------------------- errors
+
+    def turn_mounting_half(self) -> None:
+        """Exchange the vehicle's front and back; the attitude stays.
+
+        Notes
+        -----
+        C_vb' = Rz(pi) C_vb: x and y of the vehicle change their signs, and with them
+        the errors of the mounting's pitch and of the way to the rear axle.
+        """
+        self.q_vb = multiply((0.0, 0.0, 0.0, 1.0), self.q_vb)
+        self.axle_m = -self.axle_m
+        T = np.eye(N_ERRORS)
+        T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
+        self._kf.P = T @ self._kf.P @ T.T
+
+    def take_over(self, other: "Eskf") -> None:
+        """Become another filter, but for the noise level and what it cannot know."""
+        delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
+        kept, noise = self._kf.P, self.noise
+        self.__dict__.update(other.clone(noise).__dict__)
+        P = self._kf.P.copy()
+        for i in (DELAY, VELOCITY_DELAY):
+            P[i, :] = P[:, i] = 0.0
+            P[i, i] = kept[i, i]
+        self._kf.P = P
+        self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
+
+    def forget_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
+        """Keep the attitude, but doubt it and all that was learnt through it."""
+        fresh = start_covariance(is_vehicle=is_vehicle)
+        P = self._kf.P.copy()
+        for i in (*range(6, 9), *range(12, 17), YAW_SCALE, AXLE):
+            P[i, :] = P[:, i] = 0.0
+            P[i, i] = fresh[i, i]
+        P[6, 6] = P[7, 7] = _DOUBTED_TILT_RAD**2
+        P[8, 8] = yaw_sigma_rad**2
+        self._kf.P = P
+        self.accel_bias_mps2 = _ZERO
+        self.yaw_scale, self.axle_m = 0.0, START_AXLE_M
+
+    def predict(self, *, use_force: bool, unknown_accel_psd: float = 0.0) -> None:
+        """Let the errors grow over the stretch since the last prediction."""
+        dt = self._dt
+        if dt <= 0.0:
+            return
+        level = self.noise
+        gyro_psd = GYRO_NOISE_PSD + (
+            level.gyro_share**2 * self._gyro_scatter_var * SHAKEN_S
+        )
+        accel_psd = ACCEL_NOISE_PSD + (
+            level.accel_share**2 * self._accel_scatter_var * SHAKEN_S
+        )
+        F = transition(self.nominal.q_nb, dt, self._dv_n, self._turn_n[2])
+        if not use_force:
+            F[0:6, 6:15] = 0.0
+        Q = process_noise(
+            dt,
+            gyro_psd,
+            accel_psd + unknown_accel_psd,
+            self.receiver_var,
+            is_vehicle=self._is_vehicle,
+        )
+        self._kf.predict(F=F, Q=Q)
+        north, east = self.receiver_ne_m
+        decay = float(F[17, 17])
+        self.receiver_ne_m = (north * decay, east * decay)
+        (x, y, z), (tx, ty, tz) = self._dv_n, self._turn_n
+        self.a_n = (x / dt, y / dt, z / dt + self.gravity_mps2)
+        self.rate_n = (tx / dt, ty / dt, tz / dt)
+        self._dt, self._dv_n, self._turn_n = 0.0, _ZERO, _ZERO
+
+    def innovation_covariance(self, measured: Measurement) -> Array:
+        """S = H P H' + R."""
+        S: Array = measured.H @ self._kf.P @ measured.H.T + measured.R
+        return S
+
+    def apply(self, measured: Measurement) -> float:
+        """Fold a measurement into the solution; return its NIS."""
+        kf = self._kf
+        kf.update(measured.z, R=measured.R, H=measured.H)
+        self._inject(kf.x)
+        kf.x = np.zeros(N_ERRORS)
+        return float(measured.z @ kf.SI @ measured.z)
+
+    def _inject(self, x: Array) -> None:
+        """Add the errors to the solution."""
+        e = x.tolist()
+        t_ns, p_n, v_n, q_nb = self.nominal
+        self.nominal = Nominal(
+            t_ns,
+            (p_n[0] + e[0], p_n[1] + e[1], p_n[2] + e[2]),
+            (v_n[0] + e[3], v_n[1] + e[4], v_n[2] + e[5]),
+            normalise(multiply(from_rotation_vector((e[6], e[7], e[8])), q_nb)),
+        )
+        bx, by, bz = self.gyro_bias_radps
+        self.gyro_bias_radps = (bx + e[9], by + e[10], bz + e[11])
+        bx, by, bz = self.accel_bias_mps2
+        self.accel_bias_mps2 = (bx + e[12], by + e[13], bz + e[14])
+        mounting = from_rotation_vector((0.0, e[MOUNT_PITCH], e[MOUNT_YAW]))
+        self.q_vb = normalise(multiply(mounting, self.q_vb))
+        north, east = self.receiver_ne_m
+        self.receiver_ne_m = (north + e[17], east + e[18])
+        self.delay_s += e[DELAY]
+        self.velocity_delay_s += e[VELOCITY_DELAY]
+        self.yaw_scale += e[YAW_SCALE]
+        self.axle_m += e[AXLE]
+
+    def C_vn(self) -> Array:
+        """Matrix from navigation to vehicle axes."""
+        return matrix(multiply(self.q_vb, conjugate(self.nominal.q_nb)))
+
+    def sigma(self, i: int) -> float:
+        """Standard deviation of an error."""
+        return math.sqrt(max(float(self._kf.P[i, i]), 0.0))
+
+    def limit_receiver_error(self, variance: float) -> None:
+        """Let the receiver's lasting error be no larger than it says now."""
+        self.receiver_var = variance
+        P = self._kf.P
+        worst = max(P[17, 17], P[18, 18])
+        if worst > variance > 0.0:
+            shrink = math.sqrt(variance / worst)
+            P = P.copy()
+            P[17:19, :] *= shrink
+            P[:, 17:19] *= shrink
+            self._kf.P = P
+            north, east = self.receiver_ne_m
+            self.receiver_ne_m = (north * shrink, east * shrink)
+
+
+def _scatter(n: int, total: Vec3, sq_sum: float) -> float:
+    """Variance of a step's samples about their mean, of a mean axis."""
+    if n < 2:
+        return 0.0
+    x, y, z = total
+    return max(sq_sum - (x * x + y * y + z * z) / n, 0.0) / (3.0 * (n - 1))
