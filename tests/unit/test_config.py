@@ -10,7 +10,6 @@ from typing import get_args
 import pytest
 
 from imu_tracker.config import Config, keys, load_config
-from imu_tracker.config.tables import NOT_AVAILABLE
 from imu_tracker.config.values import Scenario
 from imu_tracker.errors import ConfigError
 from imu_tracker.samples import SessionHeader
@@ -101,15 +100,16 @@ def test_without_file_and_overrides_there_are_the_defaults() -> None:
         ('gps.baud="9600"', 'gps.baud = "9600": must be'),
         ("gps.latency_s=2.5", "gps.latency_s = 2.5: must be from 0 to 2 s"),
         ("gps.latency_s=-0.1", "gps.latency_s = -0.1: must be from 0 to 2 s"),
-        ("gps.latency_s=auto", "not available in this version"),
+        ("gps.latency_s=auto", 'needs filter.estimator = "error-state"'),
+        ("gps.latency_s=soon", 'gps.latency_s = "soon": must be from 0 to 2 s, or'),
         ("gps.lever_arm_m=[1, 2]", "gps.lever_arm_m = [1, 2]: must be three numbers"),
         ("gps.lever_arm_m=[1, 2, true]", "must be three numbers"),
         ("gps.lever_arm_m=[1, 2, 1000]", "from -100 to 100 m"),
         ("gps.date=2026-02-30", 'gps.date = "2026-02-30": must be a date'),
         ("gps.date=20", "gps.date = 20: must be a date"),
-        ("filter.estimator=error-state", "not available in this version"),
-        ("filter.profile=auto", "not available in this version"),
-        ("filter.profile=boat", '"free", "vehicle" or "walker"'),
+        ("filter.estimator=ekf", 'must be "six-state" or "error-state"'),
+        ("filter.profile=auto", 'needs filter.estimator = "error-state"'),
+        ("filter.profile=boat", '"free", "vehicle", "walker" or "auto"'),
         ("filter.start=51.99", "filter.start = 51.99: must be"),
         ("filter.start=here", 'filter.start = "here": must be a position'),
         ("filter.start=91,4", "must be a position"),
@@ -154,7 +154,7 @@ def test_all_problems_of_a_file_and_of_set_are_reported_at_once(tmp_path: Path) 
             "imu.rate_hz = 5000: must be 1000 / n for a whole n from 1 to 125: "
             "1000, 500, 250, 200, 125, 100 ...",
             "imu.addres: no such key; did you mean address?",
-            'filter.profile = "boat": must be "free", "vehicle" or "walker"',
+            'filter.profile = "boat": must be "free", "vehicle", "walker" or "auto"',
             'log.sync_s = "a": must be from 0 to 3600 s',
             "nonsense = 1: stands outside of a table; every key has one",
             "rate_hz = 4: stands outside of a table; it belongs below [imu] or [log]",
@@ -253,10 +253,14 @@ def test_an_override_is_toml_or_a_bare_word(override: str, value: object) -> Non
     assert getattr(getattr(config, table), key) == value
 
 
-def test_what_is_not_available_is_not_a_default_either() -> None:
-    defaults = {f"{table}.{key}": default for table, key, default in keys()}
-    for key, values in NOT_AVAILABLE.items():
-        assert defaults[key] not in values
+def test_what_the_error_state_filter_learns_may_be_left_to_it() -> None:
+    config = load_config(
+        None,
+        ["filter.estimator=error-state", "filter.profile=auto", "gps.latency_s=auto"],
+    )
+    settings = config.tracker_settings()
+    assert (settings.estimator, settings.profile) == ("error-state", "auto")
+    assert settings.latency_s is None
 
 
 def test_a_configuration_cannot_be_changed() -> None:

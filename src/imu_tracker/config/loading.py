@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from imu_tracker.config.tables import NOT_AVAILABLE, Config, keys
+from imu_tracker.config.tables import Config, keys
 from imu_tracker.errors import ConfigError
 
 
@@ -108,10 +108,6 @@ def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
         _toml(value, is_hex=key == "address"), 60, placeholder="..."
     )
     where = f"{table}.{key} = {shown}"
-    if value in NOT_AVAILABLE.get(f"{table}.{key}", ()):
-        return (
-            f"{where}: not available in this version; must be {fields[key].description}"
-        )
     # What we say ourselves begins with "must"; float() and the like know less.
     ours = said if said.startswith("must") else f"must be {fields[key].description}"
     return f"{where}: {ours}"

@@ -7,7 +7,7 @@ written overrules it, so `Config.tracker_settings` asks `model_fields_set`.
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -21,6 +21,7 @@ from imu_tracker.config.values import (
     FilePath,
     IsoDate,
     IsoInstant,
+    Latency,
     LeverArm,
     MountAxes,
     OptionalPath,
@@ -31,13 +32,6 @@ from imu_tracker.samples import DEFAULT_MOUNT, SessionHeader
 
 if TYPE_CHECKING:
     from imu_tracker.estimation.tracker import TrackerSettings
-
-NOT_AVAILABLE: Final[Mapping[str, tuple[str, ...]]] = {
-    "gps.latency_s": ("auto",),
-    "filter.estimator": ("error-state",),
-    "filter.profile": ("auto",),
-}
-"""Values that have a meaning, but not in this version."""
 
 CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
 
@@ -143,7 +137,7 @@ class GpsConfig(Table):
     baud: Annotated[Baud, Exact] = _key(
         "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
     )
-    latency_s: float = _key(0.2, "from 0 to 2 s", ge=0, le=2)
+    latency_s: Latency = _key(0.2, 'from 0 to 2 s, or "auto"')
     lever_arm_m: LeverArm = _key(
         (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"
     )
@@ -162,9 +156,11 @@ class GpsConfig(Table):
 class FilterConfig(Table):
     """`[filter]`: the estimator and what it may assume."""
 
-    estimator: Literal["six-state"] = _key("six-state", '"six-state"')
-    profile: Literal["free", "vehicle", "walker"] = _key(
-        "free", '"free", "vehicle" or "walker"'
+    estimator: Literal["six-state", "error-state"] = _key(
+        "six-state", '"six-state" or "error-state"'
+    )
+    profile: Literal["free", "vehicle", "walker", "auto"] = _key(
+        "free", '"free", "vehicle", "walker" or "auto"'
     )
     start: Position = _key(
         "", 'a position "lat,lon" in degrees, like "51.99,4.37", or ""'
@@ -210,6 +206,20 @@ class Config(Table):
     status: StatusConfig = StatusConfig()
 
     @model_validator(mode="after")
+    def _only_the_error_state_filter_learns(self) -> "Config":
+        if self.filter.estimator == "error-state":
+            return self
+        for key, value in (
+            ("gps.latency_s", self.gps.latency_s),
+            ("filter.profile", self.filter.profile),
+        ):
+            if value == "auto":
+                raise ValueError(
+                    f'{key} = "auto": needs filter.estimator = "error-state"'
+                )
+        return self
+
+    @model_validator(mode="after")
     def _outputs_differ(self) -> "Config":
         outputs = {"log.path": self.log.path, "status.path": self.status.path}
         if self.record.path is not None:
@@ -240,7 +250,7 @@ class Config(Table):
         return TrackerSettings(
             estimator=self.filter.estimator,
             profile=profile,
-            latency_s=self.gps.latency_s,
+            latency_s=None if self.gps.latency_s == "auto" else self.gps.latency_s,
             lever_arm_m=self.gps.lever_arm_m,
             rate_hz=self.log.rate_hz,
             mount=mount,
