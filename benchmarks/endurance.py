@@ -5,7 +5,7 @@ A process of its own, so that its peak memory is that of the tracker alone:
 """
 
 import json
-import resource
+import re
 import subprocess
 import sys
 import time
@@ -106,7 +106,10 @@ def _slices(recording: Path, log: LatLongLog) -> Iterator[Slice]:
 
 
 def _peak_rss_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # kB on Linux
+    """Read what Linux says; `getrusage` would count the parent's, from before exec."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    (peak_kib,) = re.findall(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)
+    return int(peak_kib) * 1.024e-3
 
 
 def _main() -> None:
