@@ -12,10 +12,12 @@ import time
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
+from statistics import fmean, median
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from benchmarks.yardstick import yardstick_s
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.pipeline import track
@@ -30,6 +32,7 @@ class Slice(NamedTuple):
 
     samples: int
     cpu_s: float
+    yardstick_s: float  # mean of before and after
     peak_rss_mb: float  # of the process, so far
     traced_kb: float  # what Python's allocator holds at its end; 0 untraced
     traced_peak_kb: float
@@ -38,7 +41,8 @@ class Slice(NamedTuple):
 class Endurance(NamedTuple):
     """What an hour costs."""
 
-    us_per_sample: list[float]  # by slice, the best of the runs
+    us_per_sample: list[float]  # by slice, median of the runs
+    quiet_us_per_sample: list[float]  # the same, with the fastest yardstick of all
     slope_us_per_h: float
     slope_sigma_us_per_h: float
     imported_rss_mb: float  # of the process when the first sample comes
@@ -51,15 +55,18 @@ def measure(recording: Path, runs: int) -> Endurance:
     """Replay a long recording some times, and once more under `tracemalloc`."""
     untraced = [_in_child(recording) for _ in range(runs)]
     _, traced = _in_child(recording, "--trace")
-    costs = [
-        min(1e6 * part.cpu_s / part.samples for part in parts)
-        for parts in zip(*(slices for _, slices in untraced), strict=True)
+    by_slice = list(zip(*(slices for _, slices in untraced), strict=True))
+    best_s = min(part.yardstick_s for parts in by_slice for part in parts)
+    quiet = [
+        median(_us_per_sample(part) * best_s / part.yardstick_s for part in parts)
+        for parts in by_slice
     ]
-    hours = (np.arange(len(costs)) + 0.5) * SLICE_S / 3600.0
-    (slope, _), covariance = np.polyfit(hours, costs, 1, cov=True)
+    hours = (np.arange(len(quiet)) + 0.5) * SLICE_S / 3600.0
+    (slope, _), covariance = np.polyfit(hours, quiet, 1, cov=True)
     imported_rss_mb, slices = untraced[0]
     return Endurance(
-        costs,
+        [median(map(_us_per_sample, parts)) for parts in by_slice],
+        quiet,
         float(slope),
         float(np.sqrt(covariance[0, 0])),
         imported_rss_mb,
@@ -67,6 +74,10 @@ def measure(recording: Path, runs: int) -> Endurance:
         [part.traced_kb for part in traced],
         max(part.traced_peak_kb for part in traced),
     )
+
+
+def _us_per_sample(part: Slice) -> float:
+    return 1e6 * part.cpu_s / part.samples
 
 
 def _in_child(recording: Path, *options: str) -> tuple[float, list[Slice]]:
@@ -86,22 +97,26 @@ def _slices(recording: Path, log: LatLongLog) -> Iterator[Slice]:
             n_frames += 1
             yield item
 
-    n_done, since_s, end_ns = 0, time.process_time(), None
+    n_done, end_ns, yardstick_before_s = 0, None, yardstick_s()
+    since_s = time.process_time()
     state: NavState
     for state in track(counted(), TrackerSettings(profile="vehicle")):
         log.write(state)
         end_ns = end_ns or state.t_ns + SLICE_S * 1_000_000_000
         if state.t_ns >= end_ns:
-            now_s = time.process_time()
+            cpu_s = time.process_time() - since_s
+            yardstick_after_s = yardstick_s()
             traced, traced_peak = tracemalloc.get_traced_memory()
             yield Slice(
                 n_frames - n_done,
-                now_s - since_s,
+                cpu_s,
+                fmean([yardstick_before_s, yardstick_after_s]),
                 _peak_rss_mb(),
                 traced / 1e3,
                 traced_peak / 1e3,
             )
-            n_done, since_s = n_frames, now_s
+            n_done, yardstick_before_s = n_frames, yardstick_after_s
+            since_s = time.process_time()
             end_ns += SLICE_S * 1_000_000_000
 
 
