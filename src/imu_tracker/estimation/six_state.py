@@ -10,7 +10,6 @@ import math
 from typing import Final
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from imu_tracker.estimation import constraints
@@ -19,6 +18,8 @@ from imu_tracker.estimation.attitude import AttitudeFilter
 from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.gate import FixOutcome, Gate
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
+from imu_tracker.estimation.innovations import InnovationMonitor
+from imu_tracker.estimation.position_filter import PositionFilter
 from imu_tracker.estimation.preintegration import ImuStep
 from imu_tracker.estimation.rotation import rotate
 from imu_tracker.estimation.standstill import Rest
@@ -55,17 +56,8 @@ ALTITUDE_FACTOR: Final = 2.0
 CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
 """In the dark the speed's uncertainty stops growing here."""
 
-MAX_NIS_LEVEL: Final = 9.0
-"""A receiver's own word on its noise is believed to be wrong by three at most; beyond
-that it is the filter that is wrong."""
-
-MAX_FADING: Final = 4.0
-"""Growth of P at a single fix: enough to turn a filter round within some fixes."""
-
-_SOFT_NIS: Final = 9.0
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 _CONSTRAINT_PERIOD_S: Final = 0.2
-_CONSTRAINT_VOTES: Final = 5.0  # per second: errors of a constraint last about one
 
 
 class SixState:
@@ -81,9 +73,8 @@ class SixState:
 
     Notes
     -----
-    x = (p_n, v_n) of the chip; u the mean acceleration of a step;
-    A = [[I, dt I], [0, I]], B = [[dt^2/2 I], [dt I]],
-    u = C_nb (dv_b / dt - b_a) + g_n, P = A P A' + Q.
+    x = (p_n, v_n) of the chip, driven by the mean acceleration of a step,
+    u = C_nb (dv_b / dt - b_a) + g_n.
     """
 
     def __init__(self, profile: str, lever_arm_m: Vec3 = (0.0, 0.0, 0.0)) -> None:
@@ -93,28 +84,15 @@ class SixState:
         self._attitude = AttitudeFilter()
         self._aiding = AttitudeAiding(self._attitude, profile)
         self._gate = Gate(profile)
-        self._kf = KalmanFilter(dim_x=6, dim_z=2, dim_u=3)
-        self._kf.B = np.zeros((6, 3))
-        # The diagonals of their 3x3 blocks, as views that are filled at each step.
-        self._F_pv = np.einsum("aa->a", self._kf.F[:3, 3:])
-        self._B_p, self._B_v = np.einsum("iaa->ia", self._kf.B.reshape(2, 3, 3))
-        self._Q_blocks = np.einsum("iaja->ija", self._kf.Q.reshape(2, 3, 2, 3))
+        self._kf = PositionFilter()
         # Of the whole run, not of an instant: never taken back.
-        self._fix_ns: int | None = None
-        self._fix_period_s = 1.0
-        self._sigma_h_m = 0.0  # of the receiver; 0: not yet known
-        self._nis_level = 1.0
-        self._bias_nis = 0.0
-        self._mean_innovation = np.zeros(2)
-        self._nis_sum, self._n_nis = 0.0, 0
+        self._monitor = InnovationMonitor()
         self._doubt_m = 0.0
         # Of an instant: what a snapshot holds.
         self._is_started = False
         self._frame = LocalFrame.at(0.0, 0.0)
         self._gravity_mps2 = gravity_mps2(math.radians(45.0))
         self._alt_origin_m: float | None = None
-        self._kf.x = np.zeros(6)  # one-dimensional: filterpy would broadcast (6, 1)
-        self._kf.P = np.eye(6)
         self._a_n: Vec3 = (0.0, 0.0, 0.0)
         self._rate_b_radps: Vec3 = (0.0, 0.0, 0.0)
         self._dark_s = 0.0
@@ -132,10 +110,8 @@ class SixState:
         self._kf.x = np.zeros(6)
         any_speed = 0.25 * self._cruise_var
         self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
-        self._sigma_h_m = 0.0
         self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
-        self._nis_level, self._bias_nis = 1.0, 0.0
-        self._mean_innovation = np.zeros(2)
+        self._monitor.start()
         self._is_started = True
 
     def estimate(self) -> Estimate:
@@ -158,7 +134,8 @@ class SixState:
         yaw that is off (`_drift_m`), and the way travelled within the error of the
         latency.
         """
-        lasting = CORRELATED_SHARE * self._sigma_h_m**2 * self._nis_level
+        monitor = self._monitor
+        lasting = CORRELATED_SHARE * monitor.sigma_h_m**2 * monitor.nis_level
         late = LATENCY_SIGMA_S**2
         dn, de = self._drift_m
         cross = dn * de + late * vn * ve
@@ -238,8 +215,8 @@ class SixState:
             "gyro_bias_sigma_dps": math.degrees(sigma),
             "tilt_sigma_deg": math.degrees(self._attitude.tilt_sigma_rad),
             "yaw_sigma_deg": math.degrees(self._attitude.yaw_sigma_rad),
-            "fix_period_s": self._fix_period_s,
-            "nis_mean": self._nis_sum / self._n_nis if self._n_nis else None,
+            "fix_period_s": self._monitor.period_s,
+            "nis_mean": self._monitor.nis_mean,
         }
 
     # ------------------------------------------------------------ with each step
@@ -275,19 +252,15 @@ class SixState:
             self._constraint_due_s = _CONSTRAINT_PERIOD_S
             if rest is not None:
                 self._aiding.rest(rest, self._gravity_mps2)
-            self._aiding.gravity(self._v_n(), self._gravity_mps2)
+            self._aiding.gravity(self._kf.v_n, self._gravity_mps2)
             if self._is_started:
                 self._constrain(rest is not None, can_rotate)
-
-    def _v_n(self) -> Vec3:
-        vn, ve, vd = self._kf.x[3:].tolist()
-        return vn, ve, vd
 
     def _predict(self, dt: float, can_rotate: bool, clipped_mps: float) -> None:
         """Kalman prediction with the acceleration as input."""
         attitude, P = self._attitude, self._kf.P
         self._dark_s += dt
-        vn, ve, _ = self._v_n()
+        vn, ve, _ = self._kf.v_n
         sigma_yaw = attitude.yaw_sigma_rad
         an = ae = ad = 0.0
         psd = psd_down = ACCEL_NOISE_PSD if self._is_resting else UNKNOWN_ACCEL_PSD
@@ -310,21 +283,15 @@ class SixState:
         if P[3, 3] + P[4, 4] > self._cruise_var:
             psd = 0.0
         psd += clipped_mps**2 / dt
-        psds = np.array((psd, psd, psd_down))
-        self._F_pv.fill(dt)
-        self._B_p.fill(0.5 * dt * dt)
-        self._B_v.fill(dt)
-        growth = np.array((dt**3 / 3.0, dt * dt / 2.0, dt * dt / 2.0, dt))
-        self._Q_blocks[...] = growth.reshape(2, 2, 1) * psds
-        self._kf.predict(np.array((an, ae, ad)))
+        self._kf.predict(dt, (an, ae, ad), (psd, psd, psd_down))
 
     def _constrain(self, is_resting: bool, can_rotate: bool) -> None:
         """Apply what the body cannot do."""
-        attitude, v_n = self._attitude, self._v_n()
+        attitude, v_n = self._attitude, self._kf.v_n
         if is_resting:
-            self._update_velocity(constraints.rest(v_n))
+            self._kf.constrain(constraints.rest(v_n))
         elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
-            self._update_velocity(
+            self._kf.constrain(
                 constraints.no_side_slip(
                     v_n,
                     self._kf.P[3:, 3:],
@@ -335,13 +302,6 @@ class SixState:
             )
         if self._dark_s > 3.0:
             self._move_frame()
-
-    def _update_velocity(self, measured: constraints.VelocityMeasurement) -> None:
-        kf = self._kf
-        H = np.zeros((len(measured.z), 6))
-        H[:, 3:] = measured.H
-        votes = _CONSTRAINT_VOTES
-        kf.update(measured.z + H @ kf.x, R=measured.R * votes, H=H)
 
     # ------------------------------------------------------------- with each fix
 
@@ -354,16 +314,18 @@ class SixState:
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
-        self._learn_period(fix)
+        monitor = self._monitor
+        monitor.observe_period(fix)
         z, z_v = self._measured_ne(fix, ahead_s)
         # The way travelled under a wrong yaw becomes part of P before it is weighed.
         drift = np.zeros(6)
         drift[:2], self._drift_m = self._drift_m, (0.0, 0.0)
         self._kf.P = self._kf.P + np.outer(drift, drift)
 
-        variance = fix.sigma_h_m**2 * self._nis_level
+        variance = fix.sigma_h_m**2 * monitor.nis_level
         innovation = z - self._kf.x[:2]
-        self._kf.P = self._kf.P * self._fading()
+        if not self._is_resting:  # at rest it is the receiver that wanders
+            self._kf.P = self._kf.P * monitor.fading
         S = self._kf.P[:2, :2] + np.eye(2) * variance
         nis = float(innovation @ np.linalg.solve(S, innovation))
         if not self._gate.passes(nis):
@@ -376,17 +338,17 @@ class SixState:
                 self._doubt_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
             return FixOutcome.OUTLIER
         self._doubt_m = 0.0
-        self._learn_noise(fix, innovation, S, nis)
-        votes = max(1.0, 1.0 / self._fix_period_s)
-        parked = 2.0 * PARKED_CORRELATION_S / self._fix_period_s
+        monitor.observe(fix, innovation, S, nis)
+        votes = max(1.0, 1.0 / monitor.period_s)
+        parked = 2.0 * PARKED_CORRELATION_S / monitor.period_s
         weight = parked if self._is_resting else votes
-        self._update_states(z, slice(0, 2), variance * weight)
+        self._kf.measure(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
         sigma_v = math.hypot(
             VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
         )
         if z_v is not None and not self._is_resting:
-            self._update_velocity_ne(z_v, sigma_v**2 * votes)
+            self._kf.measure_velocity(z_v, sigma_v**2 * votes)
         self._aid(fix, sigma_v)
         self._dark_s = 0.0
         self._move_frame()
@@ -405,92 +367,35 @@ class SixState:
         zn, ze = fix.vel_ne_mps
         return z, np.array((zn - un, ze - ue))
 
-    def _update_states(
-        self, z: NDArray[np.float64], states: slice, variance: float
-    ) -> None:
-        """Measure some states directly."""
-        self._kf.update(z, R=np.eye(len(z)) * variance, H=np.eye(6)[states])
-
-    def _update_velocity_ne(self, z: NDArray[np.float64], variance: float) -> None:
-        """Measure the velocity; a wild one weighs little, but never nothing."""
-        innovation = z - self._kf.x[3:5]
-        S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
-        nis = float(innovation @ np.linalg.solve(S, innovation))
-        self._update_states(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
-
     def _update_altitude(self, fix: GpsFix, variance: float) -> None:
         if fix.alt_m is None:
             # Nothing else holds the vertical channel.
-            self._update_states(np.zeros(1), slice(5, 6), 1.0)
+            self._kf.measure(np.zeros(1), slice(5, 6), 1.0)
             return
         if self._alt_origin_m is None:
             self._alt_origin_m = fix.alt_m
             self._kf.x = self._kf.x * [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
         z = np.array([self._alt_origin_m - fix.alt_m])
-        self._update_states(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
+        self._kf.measure(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
 
     def _aid(self, fix: GpsFix, sigma_v: float) -> None:
         """Let the fix correct the attitude."""
         if fix.vel_ne_mps is not None:
             self._aiding.velocity(fix.vel_ne_mps, sigma_v, self._gravity_mps2)
             if not self._is_resting:
-                self._aiding.course(fix.vel_ne_mps, sigma_v, self._fix_period_s)
+                self._aiding.course(fix.vel_ne_mps, sigma_v, self._monitor.period_s)
         elif not self._is_resting:
             vn, ve = self._kf.x[3:5].tolist()
             _, sigma = self.speed()
-            self._aiding.course((vn, ve), sigma, self._fix_period_s)
-
-    def _learn_period(self, fix: GpsFix) -> None:
-        if self._fix_ns is not None:
-            period = (fix.t_ns - self._fix_ns) * 1e-9
-            if 0.0 < period < 10.0:
-                self._fix_period_s += 0.1 * (period - self._fix_period_s)
-        self._fix_ns = fix.t_ns
-
-    def _learn_noise(
-        self,
-        fix: GpsFix,
-        innovation: NDArray[np.float64],
-        S: NDArray[np.float64],
-        nis: float,
-    ) -> None:
-        """Follow how true the receiver's and the filter's own words were.
-
-        Innovations that scatter more than they should are the receiver's noise, as
-        under trees: R grows. Innovations that keep to one side are the filter's
-        error: P grows (`_fading`), and it follows the receiver.
-        """
-        if self._sigma_h_m == 0.0:
-            self._sigma_h_m = fix.sigma_h_m
-        self._n_nis += 1
-        self._nis_sum += nis
-        forget = 0.2 * min(1.0, self._fix_period_s)
-        self._mean_innovation = self._mean_innovation + forget * (
-            innovation - self._mean_innovation
-        )
-        scatter = innovation - self._mean_innovation
-        ratio = 0.5 * float(scatter @ np.linalg.solve(S, scatter)) * self._nis_level
-        level = self._nis_level + 0.5 * forget * (ratio - self._nis_level)
-        self._nis_level = min(max(level, 1.0), MAX_NIS_LEVEL)
-        mean = self._mean_innovation
-        self._bias_nis = float(mean @ np.linalg.solve(S, mean))
-        self._sigma_h_m += 0.5 * forget * (fix.sigma_h_m - self._sigma_h_m)
-
-    def _fading(self) -> float:
-        """Factor by which P grows at a fix, when innovations keep to one side.
-
-        At rest they may: it is the receiver that wanders then.
-        """
-        if self._is_resting:
-            return 1.0
-        return min(max(self._bias_nis, 1.0), MAX_FADING)
+            self._aiding.course((vn, ve), sigma, self._monitor.period_s)
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""
         alt_m = self.estimate().alt_m if fix.alt_m is None else fix.alt_m
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self._alt_origin_m = alt_m
-        self._sigma_h_m, self._doubt_m = fix.sigma_h_m, 0.0
+        self._monitor.start(fix.sigma_h_m)
+        self._doubt_m = 0.0
         if fix.vel_ne_mps is not None:
             self._kf.x = np.array([0.0, 0.0, 0.0, *fix.vel_ne_mps, 0.0])
             variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3
