@@ -109,7 +109,7 @@ class Alignment:
         return self.is_level and (self.is_aligned or rest is not None)
 
     def start(self) -> None:
-        """Begin anew at another place; the attitude stays."""
+        """Gather the evidence anew; the attitude stays."""
         self._yaw_bank.forget()
         self.agnostic = None
 
@@ -148,6 +148,7 @@ class Alignment:
         """Give up a heading that is hardly known any more."""
         if self.is_aligned and self._bank.main.sigma(8) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
+            self.start()  # the bank, too, turned with this attitude
 
     # ---------------------------------------------------------------- with each fix
 

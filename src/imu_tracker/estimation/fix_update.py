@@ -92,6 +92,10 @@ class FixUpdate:
         receiver, eskf = self.receiver, self._bank.main
         speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
         if self._gate.is_frozen(fix, math.hypot(*speed_n)):
+            # By its own word it moves, or else by the filter's, which may be wrong.
+            if fix.vel_ne_mps is None and self._gate.reject(fix):
+                self._restart(fix)
+                return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         receiver.observe_period(fix)
         if self.alt_origin_m is None and fix.alt_m is not None:

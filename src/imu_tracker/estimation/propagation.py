@@ -8,7 +8,13 @@ import numpy as np
 from imu_tracker.estimation import vehicle
 from imu_tracker.estimation.alignment import Alignment
 from imu_tracker.estimation.carrier import Carrier
-from imu_tracker.estimation.error_model import N_ERRORS, POSITION, RECEIVER, VELOCITY
+from imu_tracker.estimation.error_model import (
+    ATTITUDE,
+    N_ERRORS,
+    POSITION,
+    RECEIVER,
+    VELOCITY,
+)
 from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.estimation.noise_bank import NoiseBank
@@ -28,6 +34,8 @@ ANY_SPEED_VAR: Final = 20.0**2
 ANY_HEIGHT_VAR: Final = 100.0**2
 
 LOST_TURN_RADPS: Final = 0.1
+UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
+"""In silence a body turns so fast; any angle at all has this variance."""
 
 
 class Propagation:
@@ -86,7 +94,10 @@ class Propagation:
             alignment.agnostic.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         if step.is_gap:
-            self._doubt_attitude(LOST_TURN_RADPS * step.dt_s)
+            self._doubt(LOST_TURN_RADPS * step.dt_s, 0.0)
+        elif step.is_saturated:
+            # A reading that was clipped may be off by as much as it says.
+            self._doubt(math.hypot(*step.dtheta_b_rad), math.hypot(*step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
             self.predict()
             self._constrain(self._stretch_s)
@@ -107,13 +118,19 @@ class Propagation:
             unknown = 0.0 if rests else self._carrier.unknown_accel_psd
             alignment.agnostic.predict(use_force=rests, unknown_accel_psd=unknown)
 
-    def _doubt_attitude(self, angle_rad: float) -> None:
-        """Nobody knows how far the body turned: about any axis by so much."""
-        for eskf in self._bank.filters:
-            P = eskf.P.copy()
-            for i in range(6, 9):
-                P[i, i] += angle_rad**2
-            eskf.P = P
+    def _doubt(self, angle_rad: float, speed_mps: float) -> None:
+        """Let the body have turned and sped up by so much more, in any direction."""
+        agnostic = self._alignment.agnostic
+        more = np.zeros(N_ERRORS)
+        more[ATTITUDE], more[VELOCITY] = angle_rad**2, speed_mps**2
+        for eskf in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
+            P = eskf.P + np.diag(more)
+            # An angle has an end; its correlations shrink with it.
+            scale = np.ones(N_ERRORS)
+            scale[ATTITUDE] = np.sqrt(
+                np.minimum(1.0, UNKNOWN_ANGLE_VAR / P.diagonal()[ATTITUDE])
+            )
+            eskf.P = P * np.outer(scale, scale)
         self._alignment.check_yaw()
 
     # ------------------------------------------------------------------ constraints

@@ -174,8 +174,3 @@ class YawBank:
         away = np.mod(yaw - mean + math.pi, 2.0 * math.pi) - math.pi
         variance = float(w @ (self._P[:, 4, 4] + away**2))
         return mean, math.sqrt(variance)
-
-    @property
-    def is_converged(self) -> bool:
-        """Whether one direction is left."""
-        return self.answer()[1] < CONVERGED_SIGMA_RAD
