@@ -94,6 +94,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    _open_missing_streams()
     try:
         args = build_parser().parse_args(argv)
     except SystemExit as end:  # --help, --version and usage errors
@@ -119,12 +120,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             "a bug of imu-tracker %s: %s: %s%s",
             __version__,
             type(error).__name__,
-            error,
+            " ".join(str(error).split()),
             "" if args.verbose else " (add -v for the details)",
         )
         log.debug("where it comes from:", exc_info=error)
         return BUG
     return code
+
+
+def _open_missing_streams() -> None:
+    """Give what was closed before the start (`2>&-`) a place to go.
+
+    Else Python has None there, and the next file opened would take its descriptor.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            setattr(sys, name, os.fdopen(nowhere, "w", encoding="utf-8"))
 
 
 def _let_stdout_go() -> None:

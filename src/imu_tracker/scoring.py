@@ -73,8 +73,11 @@ def read_truth(path: Path) -> Track:
                     raise ValueError("time must grow")
     except (FileNotFoundError, PermissionError) as error:
         raise InputMissingError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: not UTF-8 text") from error
     except (OSError, EOFError, zlib.error, csv.Error, ValueError) as error:
-        raise RecordingError(f"{path}:{line}: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path}:{line}: {reason}") from error
     if not rows:
         raise RecordingError(f"{path}: no rows: expected {','.join(_COLUMNS)}")
     return Track(*np.array(rows).T)

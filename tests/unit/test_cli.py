@@ -132,6 +132,16 @@ def test_a_bug_is_one_line_and_exit_70(
     )
 
 
+def test_a_bug_that_says_much_is_one_line_still(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command_that(raising(ZeroDivisionError("oh\n    no\n")), monkeypatch)
+    assert cli.main(["check"]) == 70
+    err = capsys.readouterr().err
+    assert "ZeroDivisionError: oh no (add -v" in err
+    assert err.count("\n") == 1
+
+
 def test_the_details_of_a_bug_come_with_verbose(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -242,6 +252,15 @@ def test_a_reader_that_has_seen_enough_is_no_error(recording: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("time_utc,lat_deg,lon_deg")
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_outputs_do_no_harm(recording: Path, closed: str) -> None:
+    log = recording.with_name("closed.csv")
+    command = f"{sys.executable} -m imu_tracker replay {recording}"
+    for arguments in (command, f"{command} --output {log}"):
+        assert subprocess.run(["sh", "-c", f"{arguments} {closed}"]).returncode == 0
+    assert log.read_text().startswith("time_utc,lat_deg,lon_deg,alt_m")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

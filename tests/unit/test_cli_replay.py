@@ -3,6 +3,7 @@
 import gzip
 import json
 import logging
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,6 +93,11 @@ def test_the_truth_of_a_simulation_is_a_table(truth: str) -> None:
             ["simulate", "still", "--output", "a.rec", "--gps-every", "0.33"],
             "--gps-every 0.33: must be a multiple of 0.05",
         ),
+        (
+            ["simulate", "still", "--output", "a.rec", "--gps-every", "1e30"],
+            "--gps-every 1e+30: must be a multiple of 0.05, 3600 at most",
+        ),
+        (["simulate", "still", "--output", "-"], "must be a file, not stdout"),
         (
             ["simulate", "still", "--output", "a.rec", "--truth", "a.rec"],
             "a.rec: would be overwritten",
@@ -319,6 +325,22 @@ def test_logs_and_recordings_become_pictures(
     assert capsys.readouterr().err == "log.png: written\nraw.png: written\n"
     for name in ("log.png", "raw.png"):
         assert Path(name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", [b"d\xff.rec", rb"$\no{$.rec", b"_.rec"])
+def test_a_picture_is_drawn_of_a_file_of_any_name(drive: str, name: bytes) -> None:
+    recording = os.fsdecode(name)
+    Path(recording).write_bytes(Path(drive).read_bytes())
+    assert main(["replay", recording, "-q", "--output", f"{recording}.csv"]) == 0
+    assert main(["plot", recording, "--output", "raw.png"]) == 0
+    assert main(["plot", f"{recording}.csv", "--output", "log.png"]) == 0
+
+
+def test_a_picture_does_not_go_to_stdout(
+    drive: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plot", drive, "--output", "-"]) == 2
+    assert "--output: must be a file, not stdout" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -200,15 +200,26 @@ def test_bad_truth_is_told_with_its_line(
 
 
 @pytest.mark.parametrize(
-    "data",
-    [b"\x1f\x8b\x08 no gzip", gzip.compress(ROWS.encode())[:-20], b"\xff\xfe,"],
+    ("data", "problem"),
+    [
+        (b"\x1f\x8b\x08 no gzip", ""),
+        (gzip.compress(ROWS.encode())[:-20], ""),
+        (b"\xff\xfe,", "truth.csv: not UTF-8 text"),
+    ],
     ids=["no gzip", "cut gzip", "no text"],
 )
-def test_truth_that_is_no_text_is_bad_data(tmp_path: Path, data: bytes) -> None:
+def test_truth_that_is_no_text_is_bad_data(
+    tmp_path: Path, data: bytes, problem: str
+) -> None:
     path = tmp_path / "truth.csv"
     path.write_bytes(data)
-    with pytest.raises(RecordingError):
+    with pytest.raises(RecordingError, match=problem):
         read_truth(path)
+
+
+def test_truth_that_is_a_directory_is_bad_data(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="Is a directory$"):
+        read_truth(tmp_path)
 
 
 def test_a_time_without_zone_is_utc(tmp_path: Path) -> None:

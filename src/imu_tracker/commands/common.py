@@ -77,6 +77,13 @@ def positive(text: str) -> float:
     raise argparse.ArgumentTypeError(f"{text!r}: must be a number above 0")
 
 
+def new_file(text: str) -> Path:
+    """Parse the name of a file to write, where stdout will not do, for argparse."""
+    if text == str(STDOUT):
+        raise argparse.ArgumentTypeError("must be a file, not stdout")
+    return Path(text)
+
+
 def whole_from(least: int) -> Callable[[str], int]:
     """Return a parser of whole numbers, for argparse."""
 

@@ -2,10 +2,16 @@
 
 import argparse
 import logging
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from imu_tracker.commands.common import Subparsers, add_command, refuse_to_overwrite
+from imu_tracker.commands.common import (
+    Subparsers,
+    add_command,
+    new_file,
+    refuse_to_overwrite,
+)
 from imu_tracker.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -52,7 +58,7 @@ def add_plot(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=new_file,
         required=True,
         metavar="PNG",
         help="the picture; .svg and .pdf work, too",
@@ -94,6 +100,12 @@ def _is_recording(path: Path) -> bool:
     return start == _RECORDING_MAGIC
 
 
+def _label(path: Path) -> str:
+    """Return a file's name as matplotlib draws it: any bytes, and no mathematics."""
+    name = os.fsencode(path.name).decode("utf-8", "replace")
+    return name.replace("$", r"\$")
+
+
 def _log(path: Path) -> "LogColumns":
     from imu_tracker.outputs.latlong import read_log
     from imu_tracker.plots.tracks import LogColumns
@@ -103,7 +115,9 @@ def _log(path: Path) -> "LogColumns":
     if not len(columns.utc_s):
         raise LogError(f"{path}: no rows to draw")
     track = Track(columns.utc_s, columns.lat_deg, columns.lon_deg)
-    return LogColumns(path.name, track, columns.speed_mps, columns.r95_m, columns.mode)
+    return LogColumns(
+        _label(path), track, columns.speed_mps, columns.r95_m, columns.mode
+    )
 
 
 def _recording(path: Path) -> "RecordingColumns":
@@ -145,7 +159,7 @@ def _recording(path: Path) -> "RecordingColumns":
     t_s, ax, ay, az, gx, gy, gz, temp_degc = np.array(imu).reshape(-1, 8).T
     fix_s, sigma_m = np.array(fixes).reshape(-1, 2).T
     return RecordingColumns(
-        path.name,
+        _label(path),
         t_s,
         np.column_stack([ax, ay, az]),
         np.column_stack([gx, gy, gz]),

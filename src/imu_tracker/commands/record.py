@@ -8,7 +8,6 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Final
 
@@ -17,6 +16,7 @@ from imu_tracker.commands.common import (
     add_command,
     add_config,
     config_of,
+    new_file,
     positive,
 )
 from imu_tracker.errors import ConfigError, OutputError
@@ -54,7 +54,7 @@ def add_record(subparsers: Subparsers) -> None:
     add_config(parser)
     parser.add_argument(
         "--output",
-        type=Path,
+        type=new_file,
         required=True,
         metavar="REC",
         help="the recording, a new file; compressed when it ends in .gz",

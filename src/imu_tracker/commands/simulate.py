@@ -14,6 +14,7 @@ from imu_tracker.commands.common import (
     add_command,
     add_config,
     config_of,
+    new_file,
     positive,
     progress,
     refuse_to_overwrite,
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from imu_tracker.simulation import TruthRow
 
 log = logging.getLogger(__name__)
+
+MOST_GPS_EVERY_S = 3600.0
+"""Seconds from fix to fix: more would be no receiver any more."""
 
 _DESCRIPTION = """\
 Make a recording without any hardware: an MPU-6050 with its noise, bias and tilt, and a
@@ -57,7 +61,7 @@ def add_simulate(subparsers: Subparsers) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="one of those above")
     parser.add_argument(
         "--output",
-        type=Path,
+        type=new_file,
         required=True,
         metavar="REC",
         help="the recording to write; compressed when it ends in .gz",
@@ -85,7 +89,7 @@ def add_simulate(subparsers: Subparsers) -> None:
         type=positive,
         default=1.0,
         metavar="S",
-        help="seconds from fix to fix, a multiple of 0.05; default: 1",
+        help="seconds from fix to fix, a multiple of 0.05 up to 3600; default: 1",
     )
     add_config(parser)
     parser.set_defaults(run=run_simulate)
@@ -95,8 +99,14 @@ def run_simulate(args: argparse.Namespace) -> int:
     """Write the recording and its truth."""
     config = config_of(args)
     refuse_to_overwrite([args.output, args.truth], [])
-    if not math.isclose(args.gps_every * 20, round(args.gps_every * 20), abs_tol=1e-6):
-        raise UsageError(f"--gps-every {args.gps_every:g}: must be a multiple of 0.05")
+    twentieths = args.gps_every * 20
+    if twentieths > MOST_GPS_EVERY_S * 20 or not math.isclose(
+        twentieths, round(twentieths), abs_tol=1e-6
+    ):
+        raise UsageError(
+            f"--gps-every {args.gps_every:g}: must be a multiple of 0.05, "
+            f"{MOST_GPS_EVERY_S:g} at most"
+        )
 
     from imu_tracker.recording import RecordingWriter
     from imu_tracker.simulation import SCENARIOS, simulate
