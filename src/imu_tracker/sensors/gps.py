@@ -5,7 +5,6 @@ newcomer gets wrong: a line is as old as its first byte, not as its last; at 960
 baud that is a tenth of a second, three metres on a motorway.
 """
 
-import threading
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
@@ -13,11 +12,12 @@ from enum import StrEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from imu_tracker.errors import NmeaError
-from imu_tracker.samples import Frame, Source
+from imu_tracker.samples import Frame
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Backoff, Clock
 from imu_tracker.sensors.gps_baud import BAUDS, BaudSearch
 from imu_tracker.sensors.gps_port import FAULTS, GpsPort, SerialPort, TimedLines
 from imu_tracker.sensors.nmea_lines import checked_text
+from imu_tracker.sensors.sensor_thread import SensorThread
 
 RETRY_FIRST_NS: Final = 250 * MILLISECOND_NS
 RETRY_LAST_NS: Final = SECOND_NS  # so that it is back within 2 s of being plugged in
@@ -50,7 +50,7 @@ class GpsHealth(NamedTuple):
     reopens: int
 
 
-class GpsReader:
+class GpsReader(SensorThread):
     """Listens to a receiver until it is stopped, whatever the port does meanwhile.
 
     Parameters
@@ -66,14 +66,6 @@ class GpsReader:
     clock : Clock
     open_port : callable, optional
         Opens a path at a speed; a test gives its own.
-
-    Attributes
-    ----------
-    error : BaseException or None
-        The bug that ended the thread; for the loop to raise.
-    turned_ns : int
-        When the thread last began something; it does so every few seconds even
-        when a host does not answer.
     """
 
     def __init__(
@@ -85,8 +77,8 @@ class GpsReader:
         *,
         open_port: Callable[[str, int], GpsPort] = SerialPort,
     ) -> None:
-        self._path, self._put, self._clock = path, put, clock
-        self._open_port = open_port
+        super().__init__("gps", put, clock)
+        self._path, self._open_port = path, open_port
         self._is_auto = baud == "auto"
         self._baud = BAUDS[0] if baud == "auto" else baud
         self._search: BaudSearch | None = None  # while the port is open
@@ -94,28 +86,7 @@ class GpsReader:
         self._is_lost: bool | None = None  # as told by the last event
         self._detail = ""
         self._counts: Counter[str] = Counter()
-        self.turned_ns = self._heard_ns = self._understood_ns = clock.now_ns()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run_and_confess, name="gps", daemon=True
-        )
-        self.error: BaseException | None = None
-
-    def start(self) -> None:
-        """Begin to listen in a thread."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; returns at once."""
-        self._stop.set()
-
-    def join(self, timeout_s: float | None = None) -> None:
-        """Wait until the thread has ended."""
-        self._thread.join(timeout_s)
-
-    def is_alive(self) -> bool:
-        """Tell whether the thread runs."""
-        return self._thread.is_alive()
+        self._heard_ns = self._understood_ns = self.turned_ns
 
     def health(self) -> GpsHealth:
         """Tell how it goes."""
@@ -144,13 +115,6 @@ class GpsReader:
         """Listen until stopped; what the thread does, and a test may do without one."""
         while not self._stop.is_set():
             self._visit()
-
-    def _run_and_confess(self) -> None:
-        try:
-            self.run()
-        except BaseException as error:  # noqa: BLE001 - handed to the loop
-            self.error = error
-            self._tell("gps_failed", repr(error))
 
     def _visit(self) -> None:
         """Open the port and listen until it is gone; then pause."""
@@ -189,7 +153,7 @@ class GpsReader:
                     port.discard()
                     lines = self._begin(port)
                 elif search.is_found and not was_found:
-                    self._tell("gps_baud", str(search.baud))
+                    self._tell("baud", str(search.baud))
             elif self.turned_ns - self._heard_ns > DEAD_NS:
                 raise TimeoutError(f"silent for {DEAD_NS // SECOND_NS} s")
 
@@ -213,11 +177,7 @@ class GpsReader:
     def _tell_lost(self, *, is_lost: bool, text: str) -> None:
         if is_lost is not self._is_lost:
             self._is_lost = is_lost
-            self._tell("gps_lost" if is_lost else "gps_open", text)
-
-    def _tell(self, word: str, text: str) -> None:
-        data = f"{word} {text}".encode("ascii", "replace")
-        self._put(Frame(self._clock.now_ns(), Source.EVENT, data))
+            self._tell("lost" if is_lost else "open", text)
 
 
 def _is_sentence(line: bytes) -> bool:

@@ -11,11 +11,10 @@ file descriptor never will again.
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
-from threading import Event, Thread
 from typing import Final, Literal
 
 from imu_tracker.errors import BusError, TrackerError
-from imu_tracker.samples import Frame, Source
+from imu_tracker.samples import Frame
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Backoff, Clock, Pacer
 from imu_tracker.sensors.i2c import OpenI2CBus, explain
 from imu_tracker.sensors.imu_sources import (
@@ -25,6 +24,7 @@ from imu_tracker.sensors.imu_sources import (
     ImuSource,
 )
 from imu_tracker.sensors.mpu6050 import Mpu6050
+from imu_tracker.sensors.sensor_thread import SensorThread
 from imu_tracker.sensors.setup import ImuSettings
 
 SCRUB_NS: Final = SECOND_NS  # how often the configuration is read back
@@ -43,7 +43,7 @@ COUNTERS: Final = (
 )
 
 
-class ImuReader:
+class ImuReader(SensorThread):
     """Delivers timed frames of the IMU, whatever happens to it.
 
     Parameters
@@ -63,17 +63,12 @@ class ImuReader:
 
     Attributes
     ----------
-    error : BaseException or None
-        The bug that ended the thread; for the loop to raise.
     is_ready : bool
         Whether samples are coming.
     chip_name : str
         Who was found; "" before.
     rate_hz : float
         Samples per second of the host's clock, as measured so far.
-    turned_ns : int
-        When the thread last began something; it does so every few seconds even
-        when the bus hangs.
     """
 
     def __init__(
@@ -87,34 +82,16 @@ class ImuReader:
         read: Literal["fifo", "burst"] = "fifo",
         allow_unknown: bool = False,
     ) -> None:
-        self._open_bus, self._put, self._clock = open_bus, put, clock
+        super().__init__("imu", put, clock)
+        self._open_bus = open_bus
         self._address, self._read_mode = address, read
         self._settings = settings or ImuSettings()
         self._allow_unknown = allow_unknown
-        self._stop = Event()
-        self._thread = Thread(target=self._run_and_confess, name="imu", daemon=True)
         self._counts = Counter(dict.fromkeys(COUNTERS, 0))
         self._backoff = Backoff(FIRST_RETRY_NS, LAST_RETRY_NS)
         self._is_lost_known = False
-        self.error: BaseException | None = None
         self.is_ready, self.chip_name = False, ""
-        self.rate_hz, self.turned_ns = self._settings.rate_hz, clock.now_ns()
-
-    def start(self) -> None:
-        """Begin to read in a thread."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; returns at once."""
-        self._stop.set()
-
-    def join(self, timeout_s: float | None = None) -> None:
-        """Wait until the thread has ended."""
-        self._thread.join(timeout_s)
-
-    def is_alive(self) -> bool:
-        """Tell whether the thread runs."""
-        return self._thread.is_alive()
+        self.rate_hz = self._settings.rate_hz
 
     def health(self) -> dict[str, int]:
         """Return what was counted since the start, every counter of `COUNTERS`."""
@@ -134,13 +111,6 @@ class ImuReader:
             retry_ns = self._clock.now_ns() + self._backoff.next_ns()
             self._clock.sleep_until_ns(retry_ns, self._stop)
         self.is_ready = False
-
-    def _run_and_confess(self) -> None:
-        try:
-            self.run()
-        except BaseException as error:  # noqa: BLE001 - handed to the loop
-            self.error = error
-            self._put_event("imu_failed", repr(error))
 
     def _hold_bus(self) -> str:
         """Read over one opened bus; return why that came to an end."""
@@ -208,7 +178,7 @@ class ImuReader:
             self._backoff.reset()
             where = f"at address 0x{self._address:02X}"
             rate = f"{self._settings.rate_hz:g} Hz"
-            self._put_event("imu_ready", f"{self.chip_name} {where}, {rate}")
+            self._tell("ready", f"{self.chip_name} {where}, {rate}")
         for frame in frames:
             self._put(frame)
         self._counts["samples"] += len(frames)
@@ -221,8 +191,4 @@ class ImuReader:
         self.is_ready = False
         if not self._is_lost_known:
             self._is_lost_known = True
-            self._put_event("imu_lost", reason)
-
-    def _put_event(self, word: str, text: str) -> None:
-        data = " ".join([word, *text.split()]).encode("ascii", "replace")
-        self._put(Frame(self._clock.now_ns(), Source.EVENT, data))
+            self._tell("lost", reason)
