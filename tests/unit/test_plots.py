@@ -129,6 +129,12 @@ def test_a_directory_that_is_not_there_is_an_error_of_the_output(
         plot_tracks([a_log(4)], tmp_path / "none" / "a.png")
 
 
+def test_a_picture_without_a_kind_is_png_under_its_own_name(tmp_path: Path) -> None:
+    output = tmp_path / "log"
+    plot_tracks([a_log(4)], output)
+    assert output.read_bytes().startswith(PNG)
+
+
 def test_a_kind_of_picture_that_nobody_knows_is_an_error_of_the_output(
     tmp_path: Path,
 ) -> None:

@@ -66,7 +66,7 @@ def save(figure: Figure, output: Path) -> None:
         When the disk refuses it, or nobody knows that kind of picture.
     """
     try:
-        figure.savefig(output, dpi=_DPI)
+        figure.savefig(output, dpi=_DPI, format=output.suffix[1:] or "png")
     except OSError as error:
         raise OutputError(f"{output}: {error.strerror or error}") from error
     except ValueError as error:
