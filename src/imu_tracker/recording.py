@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
 
 from imu_tracker.errors import OutputError, RecordingError, TrackerError
 from imu_tracker.lines import end_of_lines, end_of_members, read_lines
@@ -34,6 +34,14 @@ from imu_tracker.record_format import (
 from imu_tracker.samples import Frame, SessionHeader, Source
 
 _CHUNK_BYTES = 1 << 16
+
+LONGEST_SILENCE_NS: Final = 7 * 86_400 * 1_000_000_000
+"""A week without a frame is a damaged time, which would be tracked row by row."""
+
+_SILENCE: Final = (
+    "time goes on by more than a week; expected the next frame, or the two lines that "
+    "begin a session"
+)
 
 _DATED = re.compile(
     rb'^# .*"start_utc": *"(?P<header>[^"]+)"'
@@ -62,21 +70,29 @@ def read_recording(path: Path) -> Iterator[SessionHeader | Frame]:
     header: SessionHeader | None = None
     is_open = has_magic = False
     done, imu = 0, Source.IMU
+    limit_ns = MAX_T_NS  # of the next frame
     try:
         for lines in read_lines(path, RecordingError):
-            for number, line in enumerate(lines, done + 1):  # noqa: B007 for the error
+            for number, line in enumerate(lines, done + 1):
                 if is_open and line[:2] == b"I ":  # nearly always: keep this path short
                     _, time, digits = line.split(b" ")
                     t_ns = int(time)
                     if len(digits) != 28 or t_ns > MAX_T_NS or not time.isdigit():
                         raise ValueError
+                    if t_ns > limit_ns:
+                        raise RecordingError(f"{path}:{number}: {_SILENCE}")
+                    limit_ns = t_ns + LONGEST_SILENCE_NS
                     yield Frame(t_ns, imu, unhexlify(digits))
                 elif is_open and line != MAGIC:
-                    yield parse_frame(line)
+                    frame = parse_frame(line)
+                    if frame.t_ns > limit_ns:
+                        raise RecordingError(f"{path}:{number}: {_SILENCE}")
+                    limit_ns = frame.t_ns + LONGEST_SILENCE_NS
+                    yield frame
                 elif has_magic:
                     header = parse_header(line)
                     yield header
-                    is_open, has_magic = True, False
+                    is_open, has_magic, limit_ns = True, False, MAX_T_NS
                 elif line == MAGIC:
                     is_open, has_magic = False, True
                 else:

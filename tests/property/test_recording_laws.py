@@ -8,10 +8,15 @@ from hypothesis import strategies as st
 
 from imu_tracker.errors import RecordingError
 from imu_tracker.record_format import MAGIC, MAX_TEXT_BYTES
-from imu_tracker.recording import RecordingWriter, read_recording, tee
+from imu_tracker.recording import (
+    LONGEST_SILENCE_NS,
+    RecordingWriter,
+    read_recording,
+    tee,
+)
 from imu_tracker.samples import Frame, SessionHeader, Source
 
-times = st.integers(0, 2**63 - 1)
+times = st.integers(0, LONGEST_SILENCE_NS)
 bursts = st.builds(
     Frame, times, st.just(Source.IMU), st.binary(min_size=14, max_size=14)
 )
@@ -32,10 +37,19 @@ headers = st.builds(
     chip=st.text(max_size=20),
     name=st.text(max_size=20),
 )
+
+
+def since(zero_ns: int, item: SessionHeader | Frame) -> SessionHeader | Frame:
+    if isinstance(item, SessionHeader):
+        return item
+    return item._replace(t_ns=zero_ns + item.t_ns)
+
+
 streams = st.builds(
-    lambda header, rest: [header, *rest],
+    lambda header, rest, zero_ns: [header, *(since(zero_ns, item) for item in rest)],
     headers,
     st.lists(bursts | texts | headers, max_size=20),
+    st.integers(0, 2**63 - 1 - LONGEST_SILENCE_NS),
 )
 
 

@@ -279,6 +279,22 @@ def test_a_header_in_another_encoding_is_an_error(path: Path) -> None:
         read(path, START.replace("}", ', "name": "Z\xfcrich"}').encode("latin-1"))
 
 
+@pytest.mark.parametrize("letter", ["I", "G"])
+def test_time_that_leaps_by_years_is_an_error_and_not_years_of_rows(
+    path: Path, letter: str
+) -> None:
+    burst = "fff40012200001c40003fffe0001"
+    leap = f"{letter} {10**18} {burst}\n"
+    with pytest.raises(RecordingError, match=r"raw\.rec:4: time goes on by more than"):
+        read(path, f"{START}I 1000000000 {burst}\n{leap}")
+
+
+def test_a_clock_may_begin_anywhere_and_anew_with_a_session(path: Path) -> None:
+    burst = "fff40012200001c40003fffe0001"
+    sessions = f"{START}I 1000000000 {burst}\n{START}I {10**18} {burst}\n"
+    assert len(read(path, sessions)) == 4
+
+
 def test_a_file_without_newlines_is_given_up_early(path: Path) -> None:
     for content in (b"x" * 10**6, gzip.compress(b"x" * 10**8)):
         with pytest.raises(RecordingError, match=r":1: longer than 16384 bytes"):
