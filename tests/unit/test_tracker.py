@@ -239,7 +239,7 @@ def test_transitions_are_told_once() -> None:
     world.go(3.0)
     assert world.tracker.take_notices() == [
         "GPS lost: dead reckoning",
-        "IMU unavailable: GPS alone",
+        "IMU unavailable, GPS lost",
     ]
     assert world.tracker.take_notices() == []
 

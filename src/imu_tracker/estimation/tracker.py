@@ -51,12 +51,13 @@ UNHEARD_OUTCOMES: Final = (FixOutcome.TOO_LATE, FixOutcome.FROZEN)
 
 _NO_ROWS: Final[list[NavState]] = []
 
-_SAID_OF_MODE: Final = {
-    Mode.GPSONLY: "IMU unavailable: GPS alone",
-    Mode.DR: "GPS lost: dead reckoning",
-    Mode.GPS: "GPS in use",
+_SAID_OF_SENSORS: Final = {
+    (True, True): "GPS in use",
+    (True, False): "GPS lost: dead reckoning",
+    (False, True): "IMU unavailable: GPS alone",
+    (False, False): "IMU unavailable, GPS lost",
 }
-"""Transitions that people want to read of; a stop at a light is none."""
+"""Whether there is an IMU, whether there is a receiver: changes are told."""
 
 
 class TrackerSettings(NamedTuple):
@@ -113,7 +114,7 @@ class Tracker:
         self._fix_periods_ns = (1_000_000_000, 1_000_000_000)  # the last two
         self._n_outliers = 0  # in a row
         self._used_ns: int | None = None
-        self._said_mode: Mode | None = None
+        self._said_sensors: tuple[bool, bool] | None = None
         self._notices: list[str] = []
 
     # ---------------------------------------------------------------- the events
@@ -260,18 +261,16 @@ class Tracker:
     def _mode_at(self, row_ns: int) -> Mode:
         # Of two intervals the shorter one: an outage is none.
         window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * min(self._fix_periods_ns)))
-        if self._last_step is None or self._last_step.is_gap:
-            mode = Mode.GPSONLY
-        elif self._last_rest is not None:
-            mode = Mode.STILL
-        elif self._used_ns is not None and row_ns - self._used_ns <= window_ns:
-            mode = Mode.GPS
-        else:
-            mode = Mode.DR
-        if mode is not self._said_mode and mode in _SAID_OF_MODE:
-            self._notices.append(_SAID_OF_MODE[mode])
-            self._said_mode = mode
-        return mode
+        has_gps = self._used_ns is not None and row_ns - self._used_ns <= window_ns
+        has_imu = self._last_step is not None and not self._last_step.is_gap
+        if (has_imu, has_gps) != self._said_sensors:
+            self._said_sensors = has_imu, has_gps
+            self._notices.append(_SAID_OF_SENSORS[has_imu, has_gps])
+        if not has_imu:
+            return Mode.GPSONLY
+        if self._last_rest is not None:
+            return Mode.STILL
+        return Mode.GPS if has_gps else Mode.DR
 
     # ------------------------------------------------------------------- for people
 
