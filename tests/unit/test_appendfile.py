@@ -273,6 +273,17 @@ def test_a_disk_with_little_room_takes_what_fits(path: Path, disk: SmallDisk) ->
     assert path.read_text() == content(*range(100))
 
 
+def test_a_clean_end_on_a_full_disk_leaves_whole_rows(
+    path: Path, disk: SmallDisk
+) -> None:
+    log = opened(path, 0)
+    disk.free_bytes = ROW_BYTES + ROW_BYTES // 2
+    write(log, 1, 2, 3)
+    log.close()
+
+    assert path.read_text() == content(0, 1)
+
+
 def test_a_failing_disk_is_survived(
     path: Path, disk: SmallDisk, caplog: pytest.LogCaptureFixture
 ) -> None:

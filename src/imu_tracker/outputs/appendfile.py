@@ -231,9 +231,11 @@ class AppendFile:
             os.ftruncate(fd, size)
 
     def _write(self, fd: int, data: bytes) -> None:
-        """Write all or raise; a part that was written is cut off before the next."""
+        """Write all or raise; of a part that was written nothing stays."""
         written = os.write(fd, data)
         if written != len(data):
+            with contextlib.suppress(OSError):  # then it is cut off before the next
+                os.ftruncate(fd, self._size)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self._size += written
         self._is_synced = False
