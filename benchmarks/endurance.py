@@ -18,10 +18,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from benchmarks.yardstick import yardstick_s
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.config import load_config
 from imu_tracker.outputs.latlong import LatLongLog
-from imu_tracker.pipeline import track
 from imu_tracker.recording import read_recording
+from imu_tracker.replay import Replay
 from imu_tracker.samples import Frame, NavState, SessionHeader
 
 SLICE_S: Final = 300
@@ -99,8 +99,9 @@ def _slices(recording: Path, log: LatLongLog) -> Iterator[Slice]:
 
     n_done, end_ns, yardstick_before_s = 0, None, yardstick_s()
     since_s = time.process_time()
+    vehicle = load_config(None, ["filter.profile=vehicle"])
     state: NavState
-    for state in track(counted(), TrackerSettings(profile="vehicle")):
+    for state in Replay(vehicle).rows(counted()):
         log.write(state)
         end_ns = end_ns or state.t_ns + SLICE_S * 1_000_000_000
         if state.t_ns >= end_ns:

@@ -14,11 +14,12 @@ from typing import Final, NamedTuple
 from benchmarks.drives import Drive
 from benchmarks.peers import run_plain_filterpy, run_pyins
 from benchmarks.yardstick import yardstick_s
+from imu_tracker.config import load_config
 from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
 from imu_tracker.outputs.latlong import LatLongLog
-from imu_tracker.pipeline import track
 from imu_tracker.recording import read_recording
+from imu_tracker.replay import Replay
 from imu_tracker.samples import GpsFix, NavState
 
 WARM_UP_SAMPLES: Final = 3000
@@ -63,7 +64,8 @@ def run_imu_tracker(drive: Drive) -> tuple[float, float]:
     path = drive.scratch / "latlong.csv"
     path.unlink(missing_ok=True)
     log = LatLongLog(path)
-    for state in track(read_recording(drive.path), TrackerSettings(profile="vehicle")):
+    replay = Replay(load_config(None, ["filter.profile=vehicle"]))
+    for state in replay.rows(read_recording(drive.path)):
         log.write(state)
     log.close()
     return state.lat_rad, state.lon_rad

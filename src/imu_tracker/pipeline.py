@@ -1,11 +1,11 @@
 """From frames to rows: decode, join, estimate. Pure, and the same for all producers.
 
 Live hardware, a recording and the simulator each yield a `SessionHeader` and then
-frames in the order of arrival; `track` turns any of them into the rows of the log.
+frames in the order of arrival; a `Pipeline` turns one session of any of them into the
+rows of the log.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
 from imu_tracker import RELEASE_DATE
@@ -98,20 +98,3 @@ class Pipeline:
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""
         return {**self._tracker.report(), "counters": dict(self.counters)}
-
-
-def track(
-    stream: Iterable[SessionHeader | Frame],
-    settings: TrackerSettings,
-    *,
-    live: bool = False,
-) -> Iterator[NavState]:
-    """Turn a stream into rows; each header in it begins a session."""
-    pipeline: Pipeline | None = None
-    for item in stream:
-        if isinstance(item, SessionHeader):
-            pipeline = Pipeline(item, settings, live=live)
-        elif pipeline is None:
-            raise ValueError("a stream begins with its header")
-        else:
-            yield from pipeline.feed(item)

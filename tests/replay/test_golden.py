@@ -13,11 +13,11 @@ from typing import Final, TypeAlias
 
 import pytest
 
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.config import Config
 from imu_tracker.outputs.latlong import HEADER, format_row
-from imu_tracker.pipeline import track
 from imu_tracker.recording import RecordingWriter, read_recording
-from imu_tracker.samples import Frame, SessionHeader, Source
+from imu_tracker.replay import Replay
+from imu_tracker.samples import Frame, Source
 from imu_tracker.simulation import Simulated, simulate
 from simulated import is_between, without
 
@@ -80,11 +80,7 @@ def record(name: str, path: Path) -> None:
 
 
 def replayed(path: Path) -> list[str]:
-    stream = list(read_recording(path))
-    header = stream[0]
-    assert isinstance(header, SessionHeader)
-    settings = TrackerSettings(profile=header.profile or "free")
-    return [HEADER, *map(format_row, track(stream, settings))]
+    return [HEADER, *map(format_row, Replay(Config()).rows(read_recording(path)))]
 
 
 @pytest.mark.parametrize("name", STORIES)

@@ -10,7 +10,7 @@ import pytest
 
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.outputs.latlong import format_row
-from imu_tracker.pipeline import Pipeline, track
+from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, Mode, NavState, SessionHeader, Source
 from imu_tracker.simulation import simulate
 from imu_tracker.simulation.receiver import IDEAL_RECEIVER, TYPICAL_RECEIVER
@@ -64,24 +64,6 @@ def assert_no_hole(rows: list[NavState], rate_hz: int = 4) -> None:
 def test_the_same_frames_make_the_same_rows(drive: Recorded) -> None:
     assert run(drive.header, drive.frames)[0] == drive.rows
     assert len(drive.rows) > 200
-
-
-def test_track_makes_what_the_pipeline_makes(drive: Recorded) -> None:
-    stream: list[SessionHeader | Frame] = [drive.header, *drive.frames]
-    rows = list(track(stream, TrackerSettings(profile="vehicle")))
-    assert rows == drive.rows
-
-
-def test_a_header_begins_a_new_session(drive: Recorded) -> None:
-    # The same minute again: the monotonic clock restarts, and nothing is left over.
-    session: list[SessionHeader | Frame] = [drive.header, *drive.frames]
-    rows = list(track(session * 2, TrackerSettings(profile="vehicle")))
-    assert rows == drive.rows * 2
-
-
-def test_a_stream_begins_with_its_header(drive: Recorded) -> None:
-    with pytest.raises(ValueError, match="header"):
-        next(track(drive.frames, TrackerSettings()))
 
 
 @pytest.mark.parametrize("share", [0.31, 0.5, 0.77, 0.999])
