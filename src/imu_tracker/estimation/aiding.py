@@ -38,6 +38,9 @@ MAX_DISTRUST: Final = 20.0
 """Factor on its noise that the comparison earns by not fitting, as with a receiver
 whose latency is not the configured one. At the most gravity alone outweighs it."""
 
+DISTRUST_SHARE: Final = 0.2
+"""What one comparison adds to the distrust: five of them, 20 s, make it."""
+
 GRAVITY_BASE_S: Final = 1.0
 GRAVITY_SIGMA_MPS2: Final = 3.0
 """Own acceleration of a body of which nothing is known, mean of a second. Only over
@@ -199,7 +202,7 @@ class AttitudeAiding:
             (f_n[0], f_n[1], f_n[2] - gravity_mps2), a_ne, sigma * self._distrust
         )
         square = self._distrust**2
-        square += 0.2 * (0.5 * nis * square - square)
+        square += DISTRUST_SHARE * (0.5 * nis * square - square)
         self._distrust = min(max(math.sqrt(square), 1.0), MAX_DISTRUST)
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 

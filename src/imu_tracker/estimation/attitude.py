@@ -54,7 +54,7 @@ _USABLE_YAW_SIGMA_RAD: Final = 0.6
 _LOST_TURN_RADPS: Final = 0.1
 """How fast a body turns, about any axis, while nobody looks."""
 
-_LOST_TILT_SIGMA_RAD: Final = 0.5
+_LOST_TILT_SIGMA_RAD: Final = 0.5  # gravity is found anew sooner than mended
 
 
 class AttitudeSnapshot(NamedTuple):

@@ -21,7 +21,7 @@ LATERAL_LEVER_M: Final = 1.5
 REST_SPEED_SIGMA_MPS: Final = 0.03
 """A body that rests moves with its suspension, or with a hand on it."""
 
-_SOFT_GATE: Final = 3.0
+_SOFT_GATE: Final = 3.0  # sigmas; beyond, a slide is likelier than noise
 
 
 class VelocityMeasurement(NamedTuple):

@@ -48,8 +48,8 @@ START_AXLE_M: Final = 1.2
 """A box on the dashboard sits 1.8 m ahead of the rear axle, one in the boot behind."""
 
 _ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
-_DOUBTED_TILT_RAD: Final = math.radians(3.0)
-_SHAKING_MEMORY_S: Final = 1.0
+_DOUBTED_TILT_RAD: Final = math.radians(3.0)  # half a m/s^2 taken for gravity
+_SHAKING_MEMORY_S: Final = 1.0  # roads change within a second, not within a step
 
 
 class Measurement(NamedTuple):
@@ -325,13 +325,12 @@ class Eskf:
         S: Array = measured.H @ self._kf.P @ measured.H.T + measured.R
         return S
 
-    def apply(self, measured: Measurement) -> float:
-        """Fold a measurement into the solution; return its NIS."""
+    def apply(self, measured: Measurement) -> None:
+        """Fold a measurement into the solution."""
         kf = self._kf
         kf.update(measured.z, R=measured.R, H=measured.H)
         self._inject(kf.x)
         kf.x = np.zeros(N_ERRORS)
-        return float(measured.z @ kf.SI @ measured.z)
 
     def _inject(self, x: Array) -> None:
         """Add the errors to the solution."""

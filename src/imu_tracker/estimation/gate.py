@@ -39,9 +39,9 @@ MIN_AGREEING_FIXES: Final = 3
 MAX_SPEED_MPS: Final = {"vehicle": 90.0, "walker": 12.0, "free": 350.0}
 """Between two fixes that agree: a sports car, a sprinter, an airliner."""
 
-_AGREEING_SIGMAS: Final = 4.0
-_AGREEING_ACCEL_MPS2: Final = 3.0
-_FROZEN_SPEED_MPS: Final = 1.0
+_AGREEING_SIGMAS: Final = 4.0  # of a receiver that may be too sure of itself
+_AGREEING_ACCEL_MPS2: Final = 3.0  # brisk driving
+_FROZEN_SPEED_MPS: Final = 1.0  # a parked receiver tells less
 
 
 class Gate:

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 CONSTRAINT_VOTES: Final = 5.0
 """Constraints come at 5 Hz, and their errors last about a second."""
 
-_SOFT_NIS: Final = 9.0
+_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 
 
 class PositionFilter:

@@ -61,7 +61,7 @@ MAX_NIS_LEVEL: Final = 9.0
 """A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
 nothing of the receiver), by three upwards."""
 
-_SOFT_NIS: Final = 9.0
+_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 
 
 class FixGeometry(NamedTuple):

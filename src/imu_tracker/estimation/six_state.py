@@ -57,7 +57,7 @@ CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
 """In the dark the speed's uncertainty stops growing here."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
-_CONSTRAINT_PERIOD_S: Final = 0.2
+_CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_VOTES
 
 
 class SixState:

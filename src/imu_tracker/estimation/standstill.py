@@ -26,6 +26,9 @@ START_ACCEL_STD_MPS2: Final = 0.15
 0.05 deg/s and 0.03 m/s^2 (PS-MPU-6000A sections 6.1, 6.2); consumer chips at
 100 Hz show up to three times that; smooth asphalt shakes more."""
 
+LEARNING_SHARE: Final = 0.05
+"""What a fix adds to a level: some twenty fixes tell a vehicle from another."""
+
 FLOOR_FACTOR: Final = 0.5
 CEILING_FACTOR: Final = 2.5
 """How far learning may move a threshold from its start value."""
@@ -107,8 +110,8 @@ class StandstillDetector:
         )
         old = self._log_levels.get(is_moving, now)
         self._log_levels[is_moving] = (
-            old[0] + 0.05 * (now[0] - old[0]),
-            old[1] + 0.05 * (now[1] - old[1]),
+            old[0] + LEARNING_SHARE * (now[0] - old[0]),
+            old[1] + LEARNING_SHARE * (now[1] - old[1]),
         )
         if len(self._log_levels) == 2:
             means = [
