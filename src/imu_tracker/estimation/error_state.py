@@ -43,7 +43,7 @@ begins again at zero, where v times delay is exact."""
 LATEST_S: Final = 3.0
 """A fix that lies further from the filter's instant is of no use."""
 
-LONGER_SHARE: Final = 0.35
+LONGER_SHARE: Final = 0.45
 """Part of a receiver's error lasts longer than the minute of its state, and the filter
 takes it for a place: of the variance of that state, added to the radius."""
 
