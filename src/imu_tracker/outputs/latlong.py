@@ -30,6 +30,9 @@ HEADER: Final = "time_utc,lat_deg,lon_deg,alt_m,speed_mps,course_deg,r95_m,mode"
 MIN_COURSE_SPEED_MPS: Final = 0.3
 """Below it the course is noise, and left empty."""
 
+MAX_GAP_S: Final = 2.5
+"""Rows further apart are not joined: the tracker was off between them."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _HEADER_LINE = HEADER.encode()
 _ROW = re.compile(
@@ -62,6 +65,12 @@ def _utc_ms(utc_s: float) -> int:
     return round(utc_s * 1000.0)
 
 
+def format_utc(utc_s: float) -> str:
+    """Return a time as the log has it, to the millisecond."""
+    minute, ms = divmod(_utc_ms(utc_s), 60_000)
+    return f"{_minute_text(minute)}{ms // 1000:02d}.{ms % 1000:03d}Z"
+
+
 def format_row(state: NavState) -> str:
     """Format one row of the log, without newline.
 
@@ -70,7 +79,6 @@ def format_row(state: NavState) -> str:
     Rows lie on a grid whose instants are whole milliseconds. The speed that is printed
     decides whether there is a course, so that a row never contradicts itself.
     """
-    minute, ms = divmod(_utc_ms(state.utc_s), 60_000)
     lat_deg = degrees(state.lat_rad)
     lon_deg = degrees(state.lon_rad)
     if not -179.999999 < lon_deg < 179.999999:
@@ -83,7 +91,7 @@ def format_row(state: NavState) -> str:
         course = f"{round(degrees(atan2(v_east, v_north)) % 360.0, 1) % 360.0:.1f}"
     r95_m = ceil(state.r95_m * 100.0 - 1e-7) / 100.0  # 3.94 is not 3.95
     return (
-        f"{_minute_text(minute)}{ms // 1000:02d}.{ms % 1000:03d}Z,"
+        f"{format_utc(state.utc_s)},"
         f"{lat_deg:z.8f},{lon_deg:z.8f},{alt},{speed_mps:.2f},{course},"
         f"{r95_m:.2f},{state.mode}"
     )
@@ -195,6 +203,19 @@ _LAYOUT = Layout(
 )
 
 
+class LogRow(NamedTuple):
+    """One row of a lat/long log; what is empty in the file is NaN."""
+
+    utc_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    speed_mps: float
+    course_deg: float
+    r95_m: float
+    mode: str
+
+
 class LoggedTrack(NamedTuple):
     """The columns of a lat/long log; what is empty in the file is NaN."""
 
@@ -218,13 +239,14 @@ def read_log(path: Path) -> LoggedTrack:
     InputMissingError
         When there is no such file.
     """
-    rows = list(_rows(path))
+    rows = list(read_rows(path))
     columns = list(zip(*rows, strict=True)) or [()] * 8
     numbers = [np.array(column, dtype=np.float64) for column in columns[:7]]
     return LoggedTrack._make([*numbers, np.array(columns[7], dtype=np.str_)])
 
 
-def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
+def read_rows(path: Path) -> Iterator[LogRow]:
+    """Read a lat/long log row by row, in little memory; see `read_log`."""
     done = 0
     for lines in read_lines(path, LogError):
         for number, line in enumerate(lines, done + 1):
@@ -244,12 +266,23 @@ def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
 
 
-def _parsed(line: bytes) -> tuple[float | str, ...]:
+def _parsed(line: bytes) -> LogRow:
     match = _ROW.fullmatch(line)
     if match is None:
         raise ValueError
     time, *texts, mode = match.groups()
-    numbers = [float(text) if text else math.nan for text in texts]
-    if abs(numbers[0]) > 90.0 or abs(numbers[1]) > 180.0:
+    lat_deg, lon_deg, alt_m, speed_mps, course_deg, r95_m = (
+        float(text) if text else math.nan for text in texts
+    )
+    if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0:
         raise ValueError
-    return _utc_s(time), *numbers, mode.decode()
+    return LogRow(
+        _utc_s(time),
+        lat_deg,
+        lon_deg,
+        alt_m,
+        speed_mps,
+        course_deg,
+        r95_m,
+        mode.decode(),
+    )
