@@ -63,7 +63,9 @@ class SourceConfig(Table):
         "hardware", '"hardware", "simulation" or "recording"'
     )
     scenario: Scenario = _key(
-        "drive", '"still", "walk-line", "walk-square", "roundabout" or "drive"'
+        "drive",
+        '"still", "walk-line", "walk-square", "roundabout", "drive", "square", '
+        '"circle" or "lissajous"',
     )
     seed: int = _key(0, "a whole number, 0 or more", ge=0)
     duration_s: float = _key(
@@ -104,6 +106,11 @@ class ImuConfig(Table):
     )
     calibration: OptionalPath = _key(CALIBRATION, 'a path, or "" for none')
     allow_unknown_chip: bool = _key(False, "true or false")
+
+    @property
+    def chosen_rate_hz(self) -> float | None:
+        """The rate when somebody wrote it; a simulation has one of its own."""
+        return self.rate_hz if "rate_hz" in self.model_fields_set else None
 
     @field_validator("calibration", mode="after")
     @classmethod

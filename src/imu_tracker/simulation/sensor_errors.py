@@ -45,7 +45,7 @@ class SensorErrors(NamedTuple):
     gyro_per_degc_sigma_radps: float = 0.0
     warm_up_degc: float = 0.0
     warm_up_tau_s: float = 600.0
-    accel_noise_mps2_rthz: float = 0.0
+    accel_noise_mps2_rthz: Vec3 | float = 0.0
     gyro_noise_radps_rthz: float = 0.0
     accel_drift_sigma_mps2: float = 0.0
     gyro_drift_sigma_radps: float = 0.0
@@ -86,6 +86,23 @@ TYPICAL_CHIP: Final = SensorErrors(
     jitter_sigma_s=2e-4,
 )
 """Not calibrated, glued into its box by hand."""
+
+_TABLET_RATE_HZ: Final = 1000.0 / (2.0 * math.pi)
+
+TABLET: Final = SensorErrors(
+    accel_bias_sigma_mps2=(0.0094, 0.1601, 0.0381),
+    # White noise of a sample with these variances, (m/s^2)^2.
+    accel_noise_mps2_rthz=(
+        math.sqrt(2.4572e-05 * 2.0 / _TABLET_RATE_HZ),
+        math.sqrt(3.1813e-05 * 2.0 / _TABLET_RATE_HZ),
+        math.sqrt(1.6963e-04 * 2.0 / _TABLET_RATE_HZ),
+    ),
+    gyro_noise_radps_rthz=0.005 * _DPS,
+)
+"""The tablet of the thesis whose simulations are among the scenarios: mean (0.0094,
+0.1601, 9.7719) and variance of its accelerometer during two minutes at rest, sampled
+as its simulations are. It tells its orientation and no rate; the gyro is an MPU-6050's
+(PS-MPU-6000A section 6.1) without a bias."""
 
 AMBIENT_DEGC: Final = 21.0
 
