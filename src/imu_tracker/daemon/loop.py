@@ -28,7 +28,7 @@ HEALTH_NS: Final = 60 * SECOND_NS
 LATE_NS: Final = 500 * MILLISECOND_NS
 """A row that is older than this when it is written is counted as late."""
 
-_BAD_ENDS: Final = ("_lost", "_failed", "_overrun")
+_BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
 """Events whose word ends so are warnings."""
 
 _USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
