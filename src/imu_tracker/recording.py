@@ -14,11 +14,12 @@ from binascii import unhexlify
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
+from imu_tracker import RELEASE_DATE
 from imu_tracker.errors import OutputError, RecordingError, TrackerError
 from imu_tracker.lines import end_of_lines, end_of_members, read_lines
 from imu_tracker.outputs.appendfile import AppendFile, Layout, Limits
@@ -32,6 +33,7 @@ from imu_tracker.record_format import (
     parse_header,
 )
 from imu_tracker.samples import Frame, SessionHeader, Source
+from imu_tracker.sensors.nmea_dates import ROLLOVER_WEEKS
 
 _CHUNK_BYTES = 1 << 16
 
@@ -48,6 +50,8 @@ _DATED = re.compile(
     rb"|^G \d+ \$..RMC,(?P<time>\d{6})[^,\n]*,A,(?:[^,\n]*,){6}(?P<date>\d{6}),",
     re.MULTILINE,
 )
+
+_RELEASE = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
 
 log = logging.getLogger(__name__)
 
@@ -273,6 +277,7 @@ def _is_whole(line: bytes) -> bool:
 
 
 def _first_utc(path: Path) -> str | None:
+    """Name a file by its first date; one that rolled over would sort as the oldest."""
     try:
         for lines in read_lines(path, RecordingError):
             if match := _DATED.search(b"\n".join(lines)):
@@ -281,8 +286,10 @@ def _first_utc(path: Path) -> str | None:
                     start = datetime.fromisoformat(header).astimezone(UTC)
                 else:
                     start = datetime.strptime(f"{date}{time}Z", "%d%m%y%H%M%S%z")
+                    while start < _RELEASE:
+                        start += timedelta(weeks=ROLLOVER_WEEKS)
                 return f"{start:%Y%m%dT%H%M%SZ}"
-    except (TrackerError, ValueError) as error:
+    except (TrackerError, ValueError, OverflowError) as error:
         log.debug("%s: tells no time: %s", path, error)
     return None
 
