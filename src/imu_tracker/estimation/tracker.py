@@ -8,6 +8,7 @@ steps since. Rows lie on the grid of UTC and never use what arrived after them.
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state import ErrorState
@@ -20,6 +21,7 @@ from imu_tracker.estimation.navigator import (
     Navigator,
     Rewinding,
 )
+from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
 from imu_tracker.estimation.six_state import SixState
 from imu_tracker.estimation.standstill import Rest, StandstillDetector
@@ -106,6 +108,7 @@ class Tracker:
         self._settings = settings
         self._fixes: Counter[str] = Counter()
         self._preintegrator = Preintegrator()
+        self._turning = Turning()
         latency_s = settings.latency_s
         if latency_s is None:
             latency_s = TYPICAL_LATENCY_S
@@ -244,6 +247,7 @@ class Tracker:
         rest = self._standstill.add(step, bias, bias_sigma, *navigator.speed())
         navigator.step(step, rest)
         self._preintegrator.gyro_bias_radps = bias
+        self._turning.add(step, bias)
         self._step_ns = step.t_ns
         self._last_step, self._last_rest = step, rest
         return self._due_rows()
@@ -296,6 +300,23 @@ class Tracker:
         if self._last_rest is not None:
             return Mode.STILL
         return Mode.GPS if has_gps else Mode.DR
+
+    def predict(self, after_s: Iterable[float]) -> list[Prediction]:
+        """Say where it will be, counted from the newest sample; [] before the start."""
+        if not self._is_started or self._step_ns is None:
+            return []
+        navigator = self._navigator
+        believed = navigator.estimate_after((self._now_ns - self._step_ns) * 1e-9)
+        turn_radps = 0.0
+        if self._last_rest is None:
+            turn_radps = self._turning.about_down_radps(believed)
+        return predict(
+            believed,
+            navigator.speed()[1],
+            turn_radps,
+            self._settings.profile,
+            after_s,
+        )
 
     # ------------------------------------------------------------------- for people
 
