@@ -6,14 +6,17 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
+import math
 import os
 from collections import Counter
 from typing import Any, Final
 
+from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.feeds import Feed
 from imu_tracker.daemon.status import VERSION, StatusFile, disk_free_mb, row_of
 from imu_tracker.daemon.supervision import Notify, Signals
+from imu_tracker.errors import CalibrationError
 from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording import LiveRecordingWriter
@@ -27,6 +30,9 @@ HEALTH_NS: Final = 60 * SECOND_NS
 
 LATE_NS: Final = 500 * MILLISECOND_NS
 """A row that is older than this when it is written is counted as late."""
+
+AHEAD_S: Final = (1, 5, 10, 30, 60)
+"""So far ahead the status says where it will be."""
 
 _BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
 """Events whose word ends so are warnings."""
@@ -48,6 +54,8 @@ class Loop:
         Keeps the frames as they came.
     signals, clock, notify
         What the outside says, the time, and how to tell systemd.
+    corrections : Corrections, optional
+        What the calibration file knows of the chip.
     """
 
     def __init__(
@@ -59,7 +67,9 @@ class Loop:
         signals: Signals,
         clock: Clock,
         notify: Notify,
+        corrections: Corrections | None = None,
     ) -> None:
+        self._corrections, self._calibration = corrections, config.imu.calibration
         self._config, self._feed = config, feed
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
@@ -133,7 +143,14 @@ class Loop:
         if self._recorder is not None:
             self._recorder.write_header(header)
         settings = self._config.tracker_settings(header)
-        self._pipeline = Pipeline(header, settings, live=self._feed.is_live)
+        live = self._feed.is_live
+        try:
+            self._pipeline = Pipeline(
+                header, settings, live=live, corrections=self._corrections
+            )
+        except CalibrationError as error:
+            log.warning("%s: %s; goes on uncalibrated", self._calibration, error)
+            self._pipeline = Pipeline(header, settings, live=live)
 
     def _on_frame(self, frame: Frame) -> None:
         if self._pipeline is None:
@@ -211,6 +228,18 @@ class Loop:
         total.update(self._feed.counters)
         return total
 
+    def _ahead(self) -> dict[str, Any] | None:
+        """Where it will be: a column of the status for each column of a prediction."""
+        if self._row is None or self._pipeline is None:
+            return None
+        found = self._pipeline.predict(AHEAD_S)
+        return {
+            "after_s": [told.after_s for told in found],
+            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
+            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
+            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
+        }
+
     def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
@@ -237,6 +266,7 @@ class Loop:
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
+            "prediction": self._ahead(),
             **health,
             "log": {
                 "path": str(self._config.log.path),
