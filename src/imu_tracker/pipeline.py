@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from imu_tracker import RELEASE_DATE
+from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
@@ -41,15 +42,30 @@ class Pipeline:
     live : bool
         Frames come from hardware now: a receiver's date before the release of this
         program is then a rolled-over one.
+    corrections : Corrections, optional
+        What is known of this very chip; without them it is taken for the datasheet's.
+
+    Raises
+    ------
+    CalibrationError
+        When the corrections are those of another chip or mounting.
     """
 
     def __init__(
-        self, header: SessionHeader, settings: TrackerSettings, *, live: bool = False
+        self,
+        header: SessionHeader,
+        settings: TrackerSettings,
+        *,
+        live: bool = False,
+        corrections: Corrections | None = None,
     ) -> None:
         mount = settings.mount or header.mount or DEFAULT_MOUNT
-        self._decode = CountsModel(
-            header.accel_range_g, header.gyro_range_dps, mount
-        ).decode
+        model: CountsModel | CorrectedModel
+        if corrections is None:
+            model = CountsModel(header.accel_range_g, header.gyro_range_dps, mount)
+        else:
+            model = CorrectedModel(header, mount, corrections)
+        self._decode = model.decode
         release = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
         self._epochs = EpochReader(
             reference_utc_s=header.start_utc_s,

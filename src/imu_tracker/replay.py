@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, NavState, SessionHeader
@@ -25,10 +26,12 @@ class Replay:
     ----------
     config : Config
         What is written in it overrules the headers.
+    corrections : Corrections, optional
+        Of the chip that was recorded.
     """
 
-    def __init__(self, config: Config) -> None:
-        self._config = config
+    def __init__(self, config: Config, corrections: Corrections | None = None) -> None:
+        self._config, self._corrections = config, corrections
         self._pipeline: Pipeline | None = None
         self._stopwatch = Stopwatch()
         self._sessions = 0
@@ -88,7 +91,11 @@ class Replay:
         if self._sessions == 0:
             self._zero_utc_s = header.start_utc_s
         self._sessions += 1
-        self._pipeline = Pipeline(header, self._config.tracker_settings(header))
+        self._pipeline = Pipeline(
+            header,
+            self._config.tracker_settings(header),
+            corrections=self._corrections,
+        )
 
     def _keep(self, item: Frame, state: NavState) -> None:
         if self._zero_utc_s is None:

@@ -26,6 +26,8 @@ from imu_tracker.commands.common import (
 )
 
 if TYPE_CHECKING:
+    from imu_tracker.calibration.corrected import Corrections
+    from imu_tracker.config import Config
     from imu_tracker.samples import Frame, NavState, SessionHeader
     from imu_tracker.scenes import Outage
 
@@ -125,7 +127,7 @@ def run_replay(args: argparse.Namespace) -> int:
     truth = read_truth(args.truth) if args.truth is not None else None
     outages = [Outage(*outage) for outage in args.outages]
 
-    replay = Replay(config)
+    replay = Replay(config, _corrections(args, config))
     rows = replay.rows(_scene(args, outages))
     if output is None:
         collections.deque(rows, maxlen=0)
@@ -141,6 +143,19 @@ def run_replay(args: argparse.Namespace) -> int:
     elif truth is not None:
         write("".join(f"{line}\n" for line in describe(result["score"])))
     return 0
+
+
+def _corrections(args: argparse.Namespace, config: "Config") -> "Corrections | None":
+    """Read the calibration that `--set` names; the file's is this machine's own."""
+    is_named = any(
+        override.partition("=")[0].strip() == "imu.calibration"
+        for override in args.overrides
+    )
+    if not is_named or config.imu.calibration is None:
+        return None
+    from imu_tracker.calibration_file import read_calibration
+
+    return read_calibration(config.imu.calibration).corrections()
 
 
 def _scene(

@@ -112,15 +112,6 @@ class ImuConfig(Table):
         """The rate when somebody wrote it; a simulation has one of its own."""
         return self.rate_hz if "rate_hz" in self.model_fields_set else None
 
-    @field_validator("calibration", mode="after")
-    @classmethod
-    def _none_can_be_read_yet(cls, path: Path | None) -> Path | None:
-        if path not in (None, CALIBRATION):
-            raise ValueError(
-                "must be left out: calibration files are not available in this version"
-            )
-        return path
-
     @field_validator("rate_hz", mode="after")
     @classmethod
     def _the_chip_can_divide(cls, rate_hz: float) -> float:
