@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.estimation.memory import Learnt
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
 from imu_tracker.integrity.axes import StuckAxes
@@ -139,6 +140,10 @@ class Pipeline:
         watches = (self._epochs, self._axes, self._backlog, self._drag)
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
+
+    def learnt(self) -> Learnt | None:
+        """What a next session can begin with; None: nothing, or not yet."""
+        return self._tracker.learnt()
 
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""

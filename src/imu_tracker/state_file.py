@@ -22,12 +22,12 @@ from pydantic import (
     field_serializer,
 )
 
-from imu_tracker.config import Config
+from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config.values import MountAxes
 from imu_tracker.errors import OutputError, StateError
 from imu_tracker.estimation.memory import Learnt, Place
 from imu_tracker.estimation.noise_bank import NOISE_LEVELS
-from imu_tracker.samples import SessionHeader
+from imu_tracker.samples import Mount
 
 FORMAT: Final = "imu-tracker state"
 VERSION: Final = 1
@@ -181,7 +181,7 @@ class Sensor(NamedTuple):
     """Whose biases they are, and in which axes; "" is any chip, or no calibration."""
 
     chip: str
-    mount: tuple[str, str, str]
+    mount: Mount
     calibration: str
 
     def refusal(self, state: State) -> str:
@@ -195,23 +195,12 @@ class Sensor(NamedTuple):
         return ""
 
 
-def sensor_of(
-    config: Config, header: SessionHeader, chip: str, *, live: bool
-) -> Sensor:
-    """Say whose state it will be; a replay knows no calibration unless it is named."""
-    mount = config.tracker_settings(header).mount or config.imu.mount
-    path = config.imu.calibration
-    if not live and "calibration" not in config.imu.model_fields_set:
-        path = None
-    return Sensor(chip, mount, _mark(path))
-
-
-def _mark(path: Path | None) -> str:
-    """Tell one calibration file from another."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path else ""
-    except OSError:
-        return ""
+def sensor_of(chip: str, mount: Mount, corrections: Corrections | None) -> Sensor:
+    """Say whose state it will be; calibrations are told apart by what they hold."""
+    mark = ""
+    if corrections is not None:
+        mark = hashlib.sha256(repr(corrections).encode()).hexdigest()[:16]
+    return Sensor(chip, mount, mark)
 
 
 def read_state(path: Path, sensor: Sensor) -> Learnt | None:
@@ -270,3 +259,48 @@ def write_state(path: Path, learnt: Learnt, sensor: Sensor) -> None:
         replace_file(path, f"{state.model_dump_json(indent=1)}\n".encode())
     except OSError as error:
         raise OutputError(f"{path}: {error.strerror or error}") from error
+
+
+class StateFile:
+    """The state file of a run that may have several sessions.
+
+    Each session begins with what the one before it learnt, the first with the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._sensor: Sensor | None = None
+        self._learnt: Learnt | None = None
+
+    def begin(self, sensor: Sensor) -> Learnt | None:
+        """Return what a session begins with; None: nothing is known of its sensor.
+
+        Raises
+        ------
+        StateError
+            When the file cannot be begun with.
+        """
+        if self._learnt is not None and sensor == self._sensor:
+            return self._learnt
+        self._sensor, self._learnt = sensor, None
+        self._learnt = read_state(self._path, sensor)
+        return self._learnt
+
+    def remember(self, learnt: Learnt | None, chip: str = "") -> None:
+        """Hear what the session has learnt, and of which chip when that is news."""
+        if learnt is not None and self._sensor is not None:
+            self._learnt = learnt
+            self._sensor = self._sensor._replace(chip=chip or self._sensor.chip)
+
+    def write(self) -> bool:
+        """Replace the file; return whether there was anything to keep.
+
+        Raises
+        ------
+        OutputError
+        StateError
+        """
+        if self._learnt is None or self._sensor is None:
+            return False
+        write_state(self._path, self._learnt, self._sensor)
+        return True
