@@ -11,17 +11,19 @@ import os
 from collections import Counter
 from typing import Any, Final
 
-from imu_tracker.calibration.corrected import Corrections
+from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.feeds import Feed
+from imu_tracker.daemon.state import KeptState
 from imu_tracker.daemon.status import VERSION, StatusFile, disk_free_mb, row_of
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
 from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording import LiveRecordingWriter
-from imu_tracker.samples import Frame, NavState, SessionHeader, Source
+from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock, Pacer
+from imu_tracker.state_file import sensor_of
 
 TURN_NS: Final = 20 * MILLISECOND_NS
 """Without an IMU rows come 0.4 s after their instant, `ARRIVAL_NS`, and a turn."""
@@ -74,6 +76,7 @@ class Loop:
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
         self._status = StatusFile(config.status.path)
+        self._state = KeptState(config.state_path, clock.now_ns())
         self._pipeline: Pipeline | None = None
         self._row: NavState | None = None
         self._late_rows = 0
@@ -98,6 +101,8 @@ class Loop:
             self._status.remove()
         while self._take():
             pass
+        if self._pipeline is not None:
+            self._state.save(self._pipeline, self._chip)
         what = "told to" if self._signals.is_stop else f"{self._source} is over"
         log.info("ended: %s; %d rows", what, self._latlong.counters["rows"])
 
@@ -116,6 +121,8 @@ class Loop:
         if now_ns >= self._second_ns:
             self._second_ns = now_ns + SECOND_NS
             self._each_second(now_ns)
+            if self._pipeline is not None:
+                self._state.tick(now_ns, self._pipeline, self._chip)
         if now_ns >= self._health_ns:
             self._health_ns = now_ns + HEALTH_NS
             self._tell_health()
@@ -140,17 +147,26 @@ class Loop:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._past += self._pipeline.counters
+            self._state.remember(self._pipeline, self._chip)
         if self._recorder is not None:
             self._recorder.write_header(header)
         settings = self._config.tracker_settings(header)
-        live = self._feed.is_live
-        try:
-            self._pipeline = Pipeline(
-                header, settings, live=live, corrections=self._corrections
-            )
-        except CalibrationError as error:
-            log.warning("%s: %s; goes on uncalibrated", self._calibration, error)
-            self._pipeline = Pipeline(header, settings, live=live)
+        live, mount = self._feed.is_live, settings.mount or DEFAULT_MOUNT
+        known = self._corrections
+        if known is not None:
+            try:
+                CorrectedModel(header, mount, known)
+            except CalibrationError as error:
+                log.warning("%s: %s; goes on uncalibrated", self._calibration, error)
+                known = None
+        sensor = sensor_of(self._chip if live else header.chip, mount, known)
+        settings = settings._replace(prior=self._state.begin(sensor))
+        self._pipeline = Pipeline(header, settings, live=live, corrections=known)
+
+    @property
+    def _chip(self) -> str:
+        """Its name, as far as it is known by now."""
+        return str(self._feed.health().get("imu", {}).get("chip", ""))
 
     def _on_frame(self, frame: Frame) -> None:
         if self._pipeline is None:
@@ -206,14 +222,14 @@ class Loop:
         return self._config.source.kind
 
     @property
-    def _state(self) -> str:
+    def _doing(self) -> str:
         if self._row is not None:
             return "tracking"
         return "starting" if self._pipeline is None else "waiting for the first fix"
 
     def _summary(self) -> str:
         if self._row is None:
-            return self._state
+            return self._doing
         return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
 
     def _counters(self) -> Counter[str]:
@@ -221,6 +237,7 @@ class Loop:
         if self._pipeline is not None:
             total.update(self._pipeline.counters)
         total.update(self._latlong.counters)
+        total.update(self._state.counters)
         total["late_rows"] = self._late_rows
         if self._recorder is not None:
             recorded = self._recorder.counters
@@ -252,7 +269,7 @@ class Loop:
             "t_ns": now_ns,
             "uptime_s": (now_ns - self._start_ns) // SECOND_NS,
             "source": self._source,
-            "state": self._state,
+            "state": self._doing,
             "mode": row and row["mode"],
             "r95_m": row and row["r95_m"],
             "row_age_s": (
