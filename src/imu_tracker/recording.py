@@ -21,7 +21,7 @@ from typing import Final, Self
 
 from imu_tracker import RELEASE_DATE
 from imu_tracker.errors import OutputError, RecordingError, TrackerError
-from imu_tracker.lines import end_of_lines, end_of_members, read_lines
+from imu_tracker.lines import end_of_lines, end_of_members, is_kin, read_lines
 from imu_tracker.outputs.appendfile import AppendFile, Layout, Limits
 from imu_tracker.record_format import (
     EXPECTED,
@@ -218,7 +218,7 @@ class LiveRecordingWriter(FrameWriter):
 
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__(path)
-        self._file = AppendFile(path, _PACKED if self._is_gzip else _PLAIN, limits)
+        self._file = AppendFile(path, layout_of(path), limits)
         self.counters = self._file.counters
 
     @property
@@ -294,5 +294,13 @@ def _first_utc(path: Path) -> str | None:
     return None
 
 
-_PLAIN = Layout(partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole), _first_utc)
-_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _first_utc)
+_is_kin = partial(is_kin, first_words=MAGIC.rstrip(b"1"), is_whole=_is_whole)
+_PLAIN = Layout(
+    partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole), _is_kin, _first_utc
+)
+_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _is_kin, _first_utc)
+
+
+def layout_of(path: Path) -> Layout:
+    """Return what a live recording under this name must know of its content."""
+    return _PACKED if path.name.endswith(".gz") else _PLAIN

@@ -1,4 +1,5 @@
 import gzip
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from imu_tracker.outputs.appendfile import Limits
 from imu_tracker.recording import (
     LiveRecordingWriter,
     RecordingWriter,
+    layout_of,
     read_recording,
     tee,
 )
@@ -460,14 +462,38 @@ def test_a_header_that_was_torn_is_cut_off_too(path: Path, kept: int) -> None:
     assert list(read_recording(path)) == [HEADER, FULL_HEADER, burst(1)]
 
 
-def test_a_file_that_is_no_recording_is_moved_away(live_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused_and_left_alone(
+    live_path: Path,
+) -> None:
     live_path.write_text("my shopping list")
+
+    with pytest.raises(OutputError, match="did not write this file; move it away"):
+        recorded(live_path, HEADER, burst(1))
+
+    assert live_path.read_text() == "my shopping list"
+
+
+def test_a_recording_of_another_version_is_moved_away(live_path: Path) -> None:
+    later = START.encode().replace(b"recording 1", b"recording 2")
+    is_packed = live_path.suffix == ".gz"
+    live_path.write_bytes(gzip.compress(later) if is_packed else later)
 
     recorded(live_path, HEADER, burst(1))
 
-    moved = live_path.with_name(live_path.name.replace("raw", "raw-undated"))
-    assert moved.read_text() == "my shopping list"
+    (moved,) = live_path.parent.glob("raw-*")
+    assert moved.name.startswith("raw-undated")
     assert list(read_recording(live_path)) == [HEADER, burst(1)]
+
+
+@pytest.mark.parametrize("zeros", [0, 300])
+def test_whatever_a_power_cut_leaves_of_the_first_bytes_is_no_strangers_file(
+    zeros: int, live_path: Path
+) -> None:
+    recorded(live_path, HEADER)
+    whole, layout = live_path.read_bytes(), layout_of(live_path)
+    for kept in range(len(whole)):
+        file = io.BytesIO(whole[:kept] + b"\0" * zeros)
+        assert layout.whole_size(file) is not None or layout.is_kin(file)
 
 
 def test_a_long_member_that_is_torn_is_moved_away_not_cut(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.errors import InputMissingError, LogError
-from imu_tracker.lines import end_of_lines, read_lines
+from imu_tracker.lines import end_of_lines, is_kin, read_lines
 from imu_tracker.outputs.appendfile import AppendFile, Layout, Limits
 from imu_tracker.samples import NavState
 
@@ -36,9 +36,10 @@ MAX_GAP_S: Final = 2.5
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _HEADER_LINE = HEADER.encode()
 _ROW = re.compile(
-    rb"(\d{4}-[01]\d-[0-3]\dT[0-2]\d:[0-5]\d:[0-6]\d(?:\.\d{1,6})?)Z"
-    rb",(-?\d{1,2}(?:\.\d+)?),(-?\d{1,3}(?:\.\d+)?),(-?\d+(?:\.\d+)?)?"
-    rb",(\d+(?:\.\d+)?),(\d{1,3}(?:\.\d+)?)?,(\d+(?:\.\d+)?),(gpsonly|still|gps|dr)"
+    rb"((?:19[89]|[23]\d\d)\d-[01]\d-[0-3]\dT[0-2]\d:[0-5]\d:[0-6]\d(?:\.\d{1,6})?)Z"
+    rb",(-?\d{1,2}(?:\.\d+)?),(-?\d{1,3}(?:\.\d+)?),(-?\d{1,9}(?:\.\d+)?)?"
+    rb",(\d{1,9}(?:\.\d+)?),(\d{1,3}(?:\.\d+)?)?,(\d{1,9}(?:\.\d+)?)"
+    rb",(gpsonly|still|gps|dr)"
 )
 
 log = logging.getLogger(__name__)
@@ -103,7 +104,7 @@ class LatLongLog:
     Parameters
     ----------
     path : Path
-        Its file; a torn tail is cut off, one with another header is moved away.
+        Its file; a torn tail is cut off, one with an older header is moved away.
     sync_s : float
         So much is lost at most in a power cut.
     max_mb : float
@@ -114,7 +115,8 @@ class LatLongLog:
     Raises
     ------
     OutputError
-        When the file cannot be opened, or another daemon is writing it.
+        When the file cannot be opened, is no log of ours, or another daemon is
+        writing it.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class LatLongLog:
         min_free_mb: float = 500.0,
     ) -> None:
         self._file = AppendFile(
-            path, _LAYOUT, Limits(sync_s, max_mb, min_free_mb), _HEADER_LINE + b"\n"
+            path, LAYOUT, Limits(sync_s, max_mb, min_free_mb), _HEADER_LINE + b"\n"
         )
         self.counters: Counter[str] = self._file.counters
         self._last_ms = self._last_logged_ms()
@@ -198,8 +200,10 @@ def _first_utc(path: Path) -> str | None:
     return b"".join(time.groups()).decode() + "Z" if time else None
 
 
-_LAYOUT = Layout(
-    partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole), _first_utc
+LAYOUT: Final = Layout(
+    partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole),
+    partial(is_kin, first_words=b"time_utc,", is_whole=_is_whole),
+    _first_utc,
 )
 
 
