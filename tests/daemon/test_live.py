@@ -33,12 +33,14 @@ class Bench:
         self.log = directory / "latlong.csv"
         self.record = directory / "raw.rec"
         self.status = directory / "run" / "status.json"
+        self.state = directory / "lib" / "state.json"
         self.sensors: ScriptedSensors
 
     def config(self, *overrides: str) -> Config:
         own = (
             f"log.path={self.log}",
             f"status.path={self.status}",
+            f"state.path={self.state}",
             "log.min_free_mb=0",
         )
         return load_config(None, [*own, *overrides])

@@ -121,6 +121,7 @@ class Bench:
             "imu.bandwidth_hz=5",
             f"log.path={self.files / 'latlong.csv'}",
             f"status.path={self.directory / 'run' / 'status.json'}",
+            f"state.path={self.directory / 'state.json'}",
         )
         config = load_config(None, [*own, *overrides])
         code = run(
