@@ -17,6 +17,7 @@ from typing import Final, NoReturn
 
 from imu_tracker import __version__
 from imu_tracker.commands.calibrate import add_calibrate
+from imu_tracker.commands.characterise import add_characterise
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
@@ -43,6 +44,7 @@ _COMMANDS: Final = (
     add_simulate,
     add_plot,
     add_export,
+    add_characterise,
     add_calibrate,
     add_selftest,
 )

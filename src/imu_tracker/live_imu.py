@@ -7,7 +7,7 @@ tried again twice, then its error ends the command.
 import contextlib
 import queue
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Final
 
 from imu_tracker import hardware
@@ -22,7 +22,7 @@ MOST_ERRORS: Final = 3  # in a row
 
 def live_frames(
     config: Config, clock: Clock, *, with_gps: bool = False
-) -> Iterator[SessionHeader | Frame]:
+) -> Generator[SessionHeader | Frame, None, None]:
     """Yield a header and then frames, without end; close it to close the bus.
 
     Parameters

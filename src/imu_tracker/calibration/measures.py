@@ -34,7 +34,9 @@ MAX_CLIPPED: Final = 1e-3
 SHAKEN_MISFIT: Final = 5.0
 """A curve so unlike any noise shows an engine, or steps on the floor."""
 
-BINS: Final = 81
+MOST_BINS: Final = 81
+HALF_WIDTH: Final = 5.0  # of a histogram, in standard deviations
+"""A bin is never narrower than one count of the chip: it would draw a comb."""
 
 
 class Verdict(StrEnum):
@@ -141,8 +143,11 @@ def _measure(
     spread = _spread_about_each_second(values, parts[0].interval_s)
     std = float(spread.std())
     kurtosis = float(np.mean((spread / std) ** 4)) - 3.0 if std > 0 else 0.0
-    half = max(5.0 * std, 1e-12)
-    counts, edges = np.histogram(spread, BINS, (-half, half))
+    half = max(HALF_WIDTH * std, 1e-12)
+    steps = np.diff(np.unique(values[0]))
+    finest = 2.0 * half / steps.min() if len(steps) else 1.0
+    n_bins = int(min(MOST_BINS, max(1.0, finest)))
+    counts, edges = np.histogram(spread, n_bins, (-half, half))
     level = values
     if slope is not None:
         middle_degc = temp_degc.mean()

@@ -174,7 +174,7 @@ def _stream(
     from imu_tracker.sensors.clock import MonotonicClock
 
     live = live_frames(config, MonotonicClock(), with_gps=with_gps)
-    with contextlib.closing(live):  # type: ignore[type-var]
+    with contextlib.closing(live):
         yield live
 
 
@@ -401,9 +401,13 @@ def _mount(
         taken.speeds,
         LATENCY_S if latency_s == "auto" else latency_s,
     )
-    moves = any(speed > 1.0 for _, speed in taken.speeds)
-    if moves or args.drive is not None:
-        fit = with_yaw(fit, drive)
+    if drive or args.drive is not None:
+        try:
+            fit = with_yaw(fit, drive)
+        except CalibrationError as error:
+            if args.drive is not None:
+                raise
+            log.warning("yaw is not measured: %s", error)
     roll, pitch = fit.tilt_rad
     write(
         f"roll  {math.degrees(roll):+7.2f} deg\npitch {math.degrees(pitch):+7.2f} deg\n"
@@ -414,8 +418,8 @@ def _mount(
     else:
         yaw_sigma_deg = math.degrees(fit.yaw_sigma_rad)
         write(
-            f"yaw   {math.degrees(fit.yaw_rad):+7.2f} deg, +- {1.96 * yaw_sigma_deg:.2f} "
-            "(95 %)\n"
+            f"yaw   {math.degrees(fit.yaw_rad):+7.2f} deg, "
+            f"+- {1.96 * yaw_sigma_deg:.2f} (95 %)\n"
         )
     return taken.header, MountPart(
         mount=mount,

@@ -18,7 +18,7 @@ import numpy as np
 from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2
 from imu_tracker.estimation.rotation import from_euler, matrix
 from imu_tracker.samples import Quat, Vec3
-from imu_tracker.simulation.noise import GaussMarkov, Rumble
+from imu_tracker.simulation.noise import Flicker, GaussMarkov, Rumble
 from imu_tracker.simulation.paths import FloatArray
 
 _MG: Final = 1e-3 * STANDARD_GRAVITY_MPS2
@@ -50,6 +50,8 @@ class SensorErrors(NamedTuple):
     accel_drift_sigma_mps2: float = 0.0
     gyro_drift_sigma_radps: float = 0.0
     drift_tau_s: float = 300.0
+    accel_flicker_mps2: float = 0.0  # bias instability, IEEE Std 952
+    gyro_flicker_radps: float = 0.0
     mounting_sigma_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
     idle_accel_sigma_mps2: float = 0.0
     idle_gyro_sigma_radps: float = 0.0
@@ -188,6 +190,8 @@ class ChipErrors:
         self._rng, drift_rng, rumble_rng = (rng, *rng.spawn(2))
         drift = _six(errors.accel_drift_sigma_mps2, errors.gyro_drift_sigma_radps)
         self._drift = GaussMarkov(drift_rng, drift, errors.drift_tau_s)
+        flicker = _six(errors.accel_flicker_mps2, errors.gyro_flicker_radps)
+        self._flicker = Flicker(rng.spawn(1)[0], flicker) if flicker.any() else None
         density = _six(errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz)
         self._white_sigma = density * math.sqrt(0.5 * rate_hz)
         self._rumble = Rumble(rumble_rng, 6, rate_hz) if has_engine else None
@@ -211,6 +215,8 @@ class ChipErrors:
         errors, traits = self._errors, self._traits
         warmth = errors.warm_up_degc * (1.0 - np.exp(-t_s / errors.warm_up_tau_s))
         noise = self._drift.at(t_s)
+        if self._flicker:
+            noise += self._flicker.at(t_s)
         noise += self._white_sigma * self._rng.standard_normal((len(t_s), 6))
         if self._rumble:
             pace = speed_mps[:, None] / ROAD_SPEED_MPS
