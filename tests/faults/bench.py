@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 import pytest
 
 from fake_i2c import FakeBus, FakeMpu6050
-from faults.drives import LENGTH_S, S, Drive, Said, clock_ns, drive
+from faults.drives import LENGTH_S, Drive, S, Said, clock_ns, drive
 from faults.serial_line import SerialLine
 from faults.turns import TurnClock, Turner
 from imu_tracker.config import Config, load_config
@@ -105,8 +105,8 @@ class Bench:
     drives : Drive
     say : callable, optional
         Changes the lines of the receiver beforehand.
-    baud : int
-        Speed of the receiver's line.
+    baud, buffer_s
+        See `SerialLine`.
     clock_error : float
         By how much the chip's clock is fast.
     """
@@ -119,21 +119,21 @@ class Bench:
         drives: Drive | None = None,
         say: Callable[[list[Said]], list[Said]] = lambda lines: lines,
         baud: int = 9600,
+        buffer_s: float = math.inf,
         clock_error: float = 0.004,
-        who_am_i: int = 0x68,
     ) -> None:
         self.monkeypatch = monkeypatch
         self.drive = drives or drive()
         self.clock = TurnClock(clock_ns(0))
-        self.chip = FakeMpu6050(
-            self.clock, clock_error=clock_error, who_am_i=who_am_i, noise_counts=0.0
-        )
+        self.chip = FakeMpu6050(self.clock, clock_error=clock_error, noise_counts=0.0)
         self.chip.world.follow(self.drive.feel)
         self.bus = FakeBus(self.clock, {0x68: self.chip})
-        self.line = SerialLine(self.clock, say(list(self.drive.lines)), baud)
+        self.line = SerialLine(self.clock, say(list(self.drive.lines)), baud, buffer_s)
         self.signals = Signals()
         self.log = directory / "log" / "latlong.csv"
         self.status = directory / "run" / "status.json"
+        self.state = directory / "state" / "state.json"
+        self.put: Callable[[Frame], None]
         self._truth_utc_ms = [round(row.utc_s * 1000) for row in self.drive.truth]
         self._rows: list[Written] = []
         self._samples_s: list[float] = []
@@ -154,6 +154,8 @@ class Bench:
         own = (
             f"log.path={self.log}",
             f"status.path={self.status}",
+            f"state.path={self.state}",
+            f"state.path={self.status.with_name('state.json')}",
             "log.min_free_mb=0",
             "filter.profile=vehicle",
         )
@@ -202,6 +204,7 @@ class Bench:
                 self._samples_s.append(self.now_s)
             put(frame)
 
+        self.put = put
         return _TurningImu(
             self.bus.open,
             heard,
@@ -250,6 +253,11 @@ class Bench:
         north = (state.lat_rad - lat) * METRES_PER_RAD
         east = (state.lon_rad - lon) * METRES_PER_RAD * math.cos(lat)
         return math.hypot(north, east)
+
+    def utc_error_s(self, state: NavState) -> float:
+        """Return how far UTC of a row is from that of its instant."""
+        true_utc_s = self.drive.truth[0].utc_s + (state.t_ns - clock_ns(0)) / S
+        return state.utc_s - true_utc_s
 
     def _notify(self, line: str) -> None:
         if line == "WATCHDOG=1":
