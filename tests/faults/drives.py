@@ -52,13 +52,19 @@ class Drive(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def drive(gps_every_s: float = 1.0, baud: int = 9600, seed: int = SEED) -> Drive:
+def drive(
+    gps_every_s: float = 1.0,
+    baud: int = 9600,
+    *,
+    scenario: str = "drive",
+    seed: int = SEED,
+) -> Drive:
     """Simulate it; once per process for each kind of receiver."""
     receiver = TYPICAL_RECEIVER._replace(
         time_after_s=1.0, fix_after_s=float(FIRST_FIX_S), baud=baud
     )
     simulated = simulate(
-        "drive",
+        scenario,
         seed=seed,
         duration_s=LENGTH_S,
         gps_every_s=gps_every_s,

@@ -13,8 +13,7 @@ METRES_PER_DEG: Final = 111_200.0
 # Where RMC and GGA have their fields.
 _TIME = 1
 _LAT: Final = {b"RMC": 3, b"GGA": 2}
-_RMC_STATUS, _RMC_KNOTS, _RMC_COURSE, _RMC_DATE, _RMC_MODE = 2, 7, 8, 9, 12
-_GGA_QUALITY, _GGA_SATELLITES = 6, 7
+_RMC_KNOTS, _RMC_COURSE, _RMC_DATE = 7, 8, 9
 
 Change = Callable[[list[bytes], float], list[bytes]]
 
@@ -124,3 +123,18 @@ def _fields(line: bytes) -> list[bytes]:
 def _written(fields: list[bytes]) -> bytes:
     body = b",".join(fields)
     return b"$%s*%02X" % (body, reduce(xor, body))
+
+
+def drawn_north(speed_mps: float) -> Change:
+    """Forge places and velocity alike: a body that goes north, from standing."""
+    knots = b"%.2f" % (speed_mps * 3600.0 / 1852.0)
+    move = moved_north(lambda since_s: speed_mps * since_s)
+
+    def change(fields: list[bytes], since_s: float) -> list[bytes]:
+        fields = move(fields, since_s)
+        if fields[0].endswith(b"RMC"):
+            fields = [*fields]
+            fields[_RMC_KNOTS], fields[_RMC_COURSE] = knots, b"0.0"
+        return fields
+
+    return change

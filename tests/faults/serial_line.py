@@ -5,13 +5,14 @@ receiver's as another byte. What the receiver says is known before; what happens
 the plug and to the speed is a matter of when.
 """
 
+import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from typing import Final
 
 import serial
 
-from faults.drives import S, Said
+from faults.drives import S, Said, clock_ns
 from faults.turns import TurnClock
 
 POLL_NS: Final = 200_000_000
@@ -22,6 +23,15 @@ NOISE: Final = bytes((37 * value + 11) % 256 for value in range(256))
 class SerialLine:
     """What the receiver says, byte by byte.
 
+    Parameters
+    ----------
+    clock : TurnClock
+    lines : iterable of Said
+    baud : int
+    buffer_s : float
+        What waits longer than this for the line is never sent: the receiver's own
+        buffer is full.
+
     Attributes
     ----------
     baud : int
@@ -31,17 +41,32 @@ class SerialLine:
         Changes what a listener gets: noise.
     """
 
-    def __init__(self, clock: TurnClock, lines: Iterable[Said], baud: int) -> None:
+    def __init__(
+        self,
+        clock: TurnClock,
+        lines: Iterable[Said],
+        baud: int,
+        buffer_s: float = math.inf,
+    ) -> None:
         self.clock, self.baud, self.is_plugged = clock, baud, True
         self.hear: Callable[[bytes], bytes] = lambda heard: heard
         self.openings = 0
-        said, arrivals = bytearray(), []
+        said = bytearray()
+        arrivals: list[int] = []
+        self.epochs_s: list[tuple[float, float]] = []  # first and last byte of each
         byte_ns, free_ns = 10 * S // baud, 0
         for t_ns, line in lines:
             begin_ns = max(t_ns, free_ns)
+            if begin_ns - t_ns > buffer_s * S:
+                continue
             free_ns = begin_ns + byte_ns * (len(line) + 2)
             said += line + b"\r\n"
             arrivals += range(begin_ns, free_ns, byte_ns)
+            begin_s, end_s = ((t - clock_ns(0)) / S for t in (begin_ns, free_ns))
+            if line[3:6] == b"RMC":
+                self.epochs_s.append((begin_s, end_s))
+            elif self.epochs_s:
+                self.epochs_s[-1] = self.epochs_s[-1][0], end_s
         self.said, self.arrivals = bytes(said), arrivals
 
     def open(self, path: str, baud: int) -> "LinePort":
