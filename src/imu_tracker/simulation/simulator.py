@@ -80,6 +80,7 @@ def simulate(
     errors: SensorErrors | None = None,
     receiver: ReceiverErrors | None = None,
     truth_hz: int = 4,
+    chip: ChipTraits | None = None,
 ) -> Simulated:
     """Simulate what the wires would deliver, and what was true.
 
@@ -103,6 +104,8 @@ def simulate(
         How good the sensors are; the scenario's own when left out.
     truth_hz : int
         Rows of truth per second, a divisor of 20.
+    chip : ChipTraits, optional
+        The chip and its mounting, where it is to be the one of another simulation.
     """
     if isinstance(scenario, str) and scenario not in SCENARIOS:
         raise ValueError(f"{scenario!r}: must be one of {', '.join(SCENARIOS)}")
@@ -119,7 +122,8 @@ def simulate(
     def ticks() -> Iterator[Whereabouts]:
         return whereabouts(plan.trajectory(rng(_Stream.TRAJECTORY)), plan.start)
 
-    chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
+    if chip is None:
+        chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
     imu = Imu(errors, chip, rng(_Stream.IMU), rate_hz, has_engine=plan.has_engine)
     bursts = imu.bursts(
         plan.trajectory(rng(_Stream.TRAJECTORY)),
