@@ -33,7 +33,7 @@ def measure(record_property: Callable[[str, object], None]) -> Measure:
     """Keep a figure for the summary: what, how much, in which unit."""
 
     def keep(what: str, value: float, unit: str) -> None:
-        record_property("measured", f"{what} {value:.3g} {unit}")
+        record_property("measured", f"{what} {value:.3g} {unit}".rstrip())
 
     return keep
 
