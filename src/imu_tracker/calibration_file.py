@@ -22,8 +22,8 @@ from pydantic import (
     model_validator,
 )
 
-from imu_tracker.config.values import MountAxes
-from imu_tracker.errors import CalibrationError, InputMissingError, OutputError
+from imu_tracker.config.values import Exact, MountAxes
+from imu_tracker.errors import CalibrationError, InputMissingError, OutputError, shown
 
 if TYPE_CHECKING:
     from imu_tracker.calibration.corrected import Corrections
@@ -179,7 +179,7 @@ class MountPart(_Part):
 class Calibration(_Part):
     """The whole file."""
 
-    version: Literal[1] = VERSION
+    version: Annotated[Literal[1], Exact] = VERSION
     chip: Annotated[str, Field(min_length=1, max_length=100)]
     gyro: GyroPart | None = None
     accel: AccelPart | None = None
@@ -233,7 +233,7 @@ def read_calibration(path: Path) -> Calibration:
         return Calibration.model_validate(value)
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
-        where = ".".join(map(str, problem["loc"])) or "as a whole"
+        where = shown(".".join(map(str, problem["loc"]))) or "as a whole"
         said = problem["msg"].removeprefix("Value error, ")
         more = len(error.errors()) - 1
         rest = f", and {more} more" if more else ""

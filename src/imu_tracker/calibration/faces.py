@@ -18,8 +18,12 @@ from imu_tracker.calibration.readings import Array, Window
 from imu_tracker.calibration.still import is_quiet, is_steady
 from imu_tracker.errors import CalibrationError
 
-HOLD_WINDOWS: Final = 5
-"""Seconds on each face; the first is for the hand to let go, and does not count."""
+HOLD_WINDOWS: Final = 6
+"""Seconds on each face. The first and the last do not count: a hand lets go in the
+one, and may come back in the other."""
+
+HOLD_S: Final = 7
+"""What people are told: seconds begin when the chip says so."""
 
 MAX_LEAN_RAD: Final = math.radians(15.0)
 """Between gravity and a chip axis on a face: the chip's own errors make 4 deg of it."""
@@ -118,13 +122,13 @@ class FaceGuide:
             lasted = len(self._run)
             self._run = [window] if is_quiet(window) else []
             if 1 < lasted < HOLD_WINDOWS and self._lies_on is None:
-                text = f"moved after {lasted} s: hold it still for {HOLD_WINDOWS} s"
+                text = f"moved after {lasted} s: hold it still for {HOLD_S} s"
                 return Note(window.t_s, Kind.MOVED, text)
             return None
         self._run.append(window)
         if len(self._run) != HOLD_WINDOWS or self._lies_on is not None:
             return None
-        return self._look(self._run[1:])
+        return self._look(self._run[1:-1])
 
     def _look(self, windows: list[Window]) -> Note:
         t_s = windows[-1].t_s
@@ -178,7 +182,7 @@ def fit_faces(
     if missing := [str(face) for face in FACES if face not in measured]:
         raise CalibrationError(
             f"not measured: {', '.join(missing)}; lay the box on each face once, "
-            f"{HOLD_WINDOWS} s each"
+            f"{HOLD_S} s each"
         )
     readings = np.array(
         [np.mean([w.accel_mps2 for w in measured[face]], axis=0) for face in FACES]
