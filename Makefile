@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint types unit acceptance benchmark clean
+.PHONY: help install demo test lint types unit acceptance system-test benchmark seeds clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
@@ -70,9 +70,16 @@ unit: install ## Run the tests alone
 acceptance: install ## Run the long tests: all seeds, all drives; takes hours
 	$(BIN)/pytest -m acceptance --numprocesses=auto
 
+system-test: install ## Test on a real kernel and systemd, under QEMU: as root, 20 minutes
+	@tests/system/build_image.sh
+	$(BIN)/pytest -m system -v tests/system
+
 benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
 	$(BIN)/python -m benchmarks
 
+seeds: install ## Beat the figures of the thesis that it starts from, and draw them
+	$(BIN)/python -m benchmarks.seeds --pictures seeds
+
 clean: ## Remove what was made here, the environment too
-	rm -rf $(VENV) demo build dist htmlcov .coverage .coverage.* .hypothesis \
+	rm -rf $(VENV) demo seeds build dist htmlcov .coverage .coverage.* .hypothesis \
 		.mypy_cache .pytest_cache .ruff_cache

@@ -23,7 +23,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if not config.option.markexpr:
-        config.option.markexpr = "not acceptance"
+        config.option.markexpr = "not acceptance and not system"
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from imu_tracker import hardware
+from imu_tracker import hardware, mending
 from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2, CountsModel
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -25,7 +25,9 @@ from imu_tracker.errors import (
     OutputError,
     TrackerError,
 )
-from imu_tracker.recording import read_recording
+from imu_tracker.outputs.appendfile import FOREIGN, Layout, is_foreign
+from imu_tracker.outputs.latlong import LAYOUT
+from imu_tracker.recording import layout_of, read_recording
 from imu_tracker.samples import Frame, ImuSample, Source
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
 from imu_tracker.sensors.gps import GpsHealth, GpsState
@@ -39,9 +41,6 @@ STILL_DPS: Final = 30.0  # PS-MPU-6000A section 6.1: zero-rate 20, and some
 
 LISTEN_NS: Final = 20 * SECOND_NS  # seven baud rates, 2.2 s each
 SENTENCES_NS: Final = 3 * SECOND_NS  # from the first one on: all kinds, and a fix
-
-_CMDLINE: Final = Path("/proc/cmdline")
-_UARTS: Final = ("serial0", "ttyAMA0", "ttyS0", "ttyAMA10")
 
 
 class Verdict(StrEnum):
@@ -75,9 +74,10 @@ def check_sensors(config: Config, clock: Clock) -> Iterator[Finding]:
 
 def check_outputs(config: Config) -> Iterator[Finding]:
     """Look whether the files can be written."""
-    yield check_output("log", config.log.path, config.log.min_free_mb)
-    if config.record.path is not None:
-        yield check_output("recording", config.record.path, config.log.min_free_mb)
+    free_mb = config.log.min_free_mb
+    yield check_output("log", config.log.path, LAYOUT, free_mb)
+    if (path := config.record.path) is not None:
+        yield check_output("recording", path, layout_of(path), free_mb)
 
 
 def check_imu(config: Config, clock: Clock) -> Finding:
@@ -118,11 +118,11 @@ def _means(samples: list[ImuSample]) -> tuple[float, float, float]:
 def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
     """Listen to the receiver for as long as it takes to know, half a minute at most."""
     port = config.gps.port
-    if (console := _console_on(port)) is not None:
+    if (console := mending.console_on(port)) is not None:
         yield _unavailable(
             "GPS port",
-            f"{port}: Linux uses it for its console ({console}): raspi-config, "
-            "Interface Options, Serial Port: no login shell, but hardware; restart",
+            f"{port}: Linux uses it for its console ({console}): "
+            f"{mending.switch_console_off()}",
         )
         return
     epochs = EpochReader(date=config.gps.date)
@@ -150,8 +150,8 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
 
 _GPS_ADVICE: Final = {
     GpsState.SILENT: (
-        "not a byte: is the receiver powered, its TX on our RX, and enable_uart=1 in "
-        "config.txt?"
+        "not a byte: is the receiver powered, its TX on our RX, and the serial port on "
+        "(sudo raspi-config nonint do_serial_hw 0)?"
     ),
     GpsState.SEARCHING: (
         "bytes, but no sentence at any speed: not NMEA, or a bad connection"
@@ -199,23 +199,6 @@ def _kind(line: bytes) -> str:
         return ""
 
 
-def _console_on(port: str) -> str | None:
-    """Return the kernel's console parameter that claims this port, if one does."""
-    try:
-        parameters = _CMDLINE.read_text("ascii").split()
-    except (OSError, UnicodeDecodeError):
-        return None
-    names = {Path(port).name, Path(port).resolve().name}
-    for parameter in parameters:
-        key, _, value = parameter.partition("=")
-        console = value.partition(",")[0]
-        if key == "console" and (
-            console in names or (console == "serial0" and names & set(_UARTS))
-        ):
-            return parameter
-    return None
-
-
 def _why_closed(port: str, detail: str) -> str:
     if port.startswith("socket://"):
         return f"{port}: {detail}: is the other side there, and listening?"
@@ -224,12 +207,12 @@ def _why_closed(port: str, detail: str) -> str:
         patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
         found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
         others = ", ".join(map(str, found)) or "no serial port"
-        return f"{port} does not exist (there is {others}): set gps.port"
+        advice = "set gps.port"
+        if path.name in mending.UARTS:
+            advice = f"{mending.switch_uart_on()}; or {advice}"
+        return f"{port} does not exist (there is {others}): {advice}"
     if not os.access(path, os.R_OK | os.W_OK):
-        return (
-            f"no permission for {port}: put this user into the group dialout "
-            "(sudo usermod -aG dialout USER) and log in again"
-        )
+        return f"no permission for {port}: {mending.join_group(path, 'dialout')}"
     return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
 
 
@@ -245,15 +228,19 @@ def check_recording(config: Config) -> Finding:
     return _ok("source", f"recording: {path}")
 
 
-def check_output(what: str, path: Path, min_free_mb: float) -> Finding:
+def check_output(what: str, path: Path, layout: Layout, min_free_mb: float) -> Finding:
     """See that a file can be made or appended to, and how much room there is."""
     place = path
     while not place.exists():
         place = place.parent
     is_file = place == path
     if place.is_dir() is is_file or not os.access(place, os.W_OK):
-        text = f"{path}: this user cannot write to {place}"
-        return Finding(Verdict.FAILED, what, text, OutputError.exit_code)
+        advice = f": {mending.own_directory(path.parent)}" if place.is_dir() else ""
+        error = OutputError(f"{path}: this user cannot write to {place}{advice}")
+        return _failed(what, str(error), error)
+    if is_file and is_foreign(path, layout):
+        error = OutputError(f"{path}: {FOREIGN}")
+        return _failed(what, str(error), error)
     free_mb = shutil.disk_usage(place).free / 1e6
     if free_mb < min_free_mb:
         return _warning(what, f"{path}: {free_mb:.0f} MB free: below log.min_free_mb")

@@ -16,8 +16,11 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
+from imu_tracker.commands.calibrate import add_calibrate
+from imu_tracker.commands.characterise import add_characterise
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
+from imu_tracker.commands.export import add_export
 from imu_tracker.commands.plot import add_plot
 from imu_tracker.commands.record import add_record
 from imu_tracker.commands.replay import add_replay
@@ -40,6 +43,9 @@ _COMMANDS: Final = (
     add_replay,
     add_simulate,
     add_plot,
+    add_export,
+    add_characterise,
+    add_calibrate,
     add_selftest,
 )
 

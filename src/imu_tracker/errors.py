@@ -73,6 +73,12 @@ class CalibrationError(TrackerError, ValueError):
     exit_code = 65
 
 
+class StateError(TrackerError, ValueError):
+    """What an earlier run learnt cannot be begun with: which file, why."""
+
+    exit_code = 65
+
+
 class InputMissingError(TrackerError, FileNotFoundError):
     """A file that the command should read is not there."""
 

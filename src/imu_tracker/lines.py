@@ -5,6 +5,7 @@ zero bytes where the file system had promised space. Readers drop that tail and 
 so; writers cut it off before they append. What is damaged anywhere else is an error.
 """
 
+import contextlib
 import io
 import logging
 import zlib
@@ -16,6 +17,9 @@ from imu_tracker.errors import InputMissingError, TrackerError
 
 MAX_LINE_BYTES = 16_384
 """Nothing that we write comes near it; a file without newlines goes no further."""
+
+MAX_ZERO_BYTES = 64_000_000
+"""A file system promises less than that ahead of what it has written."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -58,14 +62,21 @@ def _batches(
     path: Path, file: io.BufferedReader, fault: type[TrackerError]
 ) -> Iterator[list[bytes]]:
     is_gzip = file.peek(len(GZIP_MAGIC)).startswith(GZIP_MAGIC)
-    number, rest, is_torn = 0, b"", False
+    number, zeros, rest, is_torn = 0, 0, b"", False
     try:
         for block in _unpacked(file) if is_gzip else _blocks(file):
             lines = (rest + block).split(b"\n")
             rest = lines.pop()
             number += len(lines)
             if len(rest) > MAX_LINE_BYTES:
+                whole = len(rest)
                 rest = rest.rstrip(b"\0") + b"\0"  # zeros to the end are a lost tail
+                zeros += whole - len(rest)
+            if zeros > MAX_ZERO_BYTES:
+                raise fault(
+                    f"{path}:{number + 1}: nothing but zeros from here on: expected a "
+                    "text file of lines"
+                )
             if len(rest) > MAX_LINE_BYTES:
                 raise fault(
                     f"{path}:{number + 1}: longer than {MAX_LINE_BYTES} bytes: "
@@ -166,3 +177,37 @@ def end_of_members(file: BinaryIO, first_line: bytes) -> int | None:
     is_empty = file.seek(0, io.SEEK_END) == 0
     is_ours = end > 0 and start == first_line + b"\n"
     return end if is_ours or is_empty else None
+
+
+def is_kin(
+    file: BinaryIO, first_words: bytes, is_whole: Callable[[bytes], bool]
+) -> bool:
+    """Tell whether a file is of the same kind, of whatever version.
+
+    Parameters
+    ----------
+    file : BinaryIO
+        Seekable, plain or gzip.
+    first_words : bytes
+        What the first line of every version begins with.
+    is_whole : Callable[[bytes], bool]
+        Tells a line of the kind; one is enough where a power cut took the first.
+    """
+    file.seek(0)
+    head = file.read(_TAIL_BYTES)
+    if head[:1] == GZIP_MAGIC[:1]:
+        head = _unpacked_start(head)
+    if first_words.startswith(head.rstrip(b"\0")):  # cut before it could tell
+        return True
+    return head.startswith(first_words) or any(map(is_whole, head.split(b"\n")))
+
+
+def _unpacked_start(packed: bytes) -> bytes:
+    """Decompress as far as the data are sound; zeros at the end are a lost tail."""
+    packed = packed.rstrip(b"\0")
+    member = zlib.decompressobj(_GZIP_ONLY)
+    start = b""
+    with contextlib.suppress(zlib.error):
+        for begin in range(0, len(packed), 64):
+            start += member.decompress(packed[begin : begin + 64])
+    return start

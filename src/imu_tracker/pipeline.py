@@ -6,15 +6,23 @@ rows of the log.
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from imu_tracker import RELEASE_DATE
+from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.estimation.memory import Learnt
+from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.integrity.axes import StuckAxes
+from imu_tracker.integrity.backlog import Backlog
+from imu_tracker.integrity.drag import DragWatch
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
     GpsFix,
+    Mode,
     NavState,
     SessionHeader,
     Source,
@@ -35,15 +43,30 @@ class Pipeline:
     live : bool
         Frames come from hardware now: a receiver's date before the release of this
         program is then a rolled-over one.
+    corrections : Corrections, optional
+        What is known of this very chip; without them it is taken for the datasheet's.
+
+    Raises
+    ------
+    CalibrationError
+        When the corrections are those of another chip or mounting.
     """
 
     def __init__(
-        self, header: SessionHeader, settings: TrackerSettings, *, live: bool = False
+        self,
+        header: SessionHeader,
+        settings: TrackerSettings,
+        *,
+        live: bool = False,
+        corrections: Corrections | None = None,
     ) -> None:
         mount = settings.mount or header.mount or DEFAULT_MOUNT
-        self._decode = CountsModel(
-            header.accel_range_g, header.gyro_range_dps, mount
-        ).decode
+        model: CountsModel | CorrectedModel
+        if corrections is None:
+            model = CountsModel(header.accel_range_g, header.gyro_range_dps, mount)
+        else:
+            model = CorrectedModel(header, mount, corrections)
+        self._decode = model.decode
         release = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
         self._epochs = EpochReader(
             reference_utc_s=header.start_utc_s,
@@ -51,13 +74,20 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
+        self._axes, self._backlog, self._drag = StuckAxes(), Backlog(), DragWatch()
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
         t_ns, source, data = frame
         if source is Source.IMU:
             rows = self._close_epoch(t_ns)
-            return rows + self._tracker.on_imu(self._decode(t_ns, data))
+            if self._axes.look(t_ns, data):
+                return self._noted(rows + self._tracker.advance(t_ns))
+            sample = self._decode(t_ns, data)
+            if self._axes.clips(sample):
+                return self._noted(rows + self._tracker.advance(t_ns))
+            self._drag.on_imu(sample)
+            return self._noted(rows + self._tracker.on_imu(sample))
         rows = self.advance(t_ns)
         if source is Source.GPS:
             self._tell(self._epochs.feed(t_ns, data))
@@ -68,7 +98,13 @@ class Pipeline:
 
         No frame of before `t_ns` may come after this.
         """
-        return self._close_epoch(t_ns) + self._tracker.advance(t_ns)
+        return self._noted(self._close_epoch(t_ns) + self._tracker.advance(t_ns))
+
+    def _noted(self, rows: list[NavState]) -> list[NavState]:
+        """Return the rows; whether the body rests is known from the last of them."""
+        if rows:
+            self._drag.rest(rows[-1].mode is Mode.STILL)
+        return rows
 
     def _close_epoch(self, t_ns: int) -> list[NavState]:
         """Complete what time alone completes, at its own instant."""
@@ -80,20 +116,34 @@ class Pipeline:
         return rows
 
     def _tell(self, positions: list[GpsFix | UtcTime]) -> None:
-        for position in positions:
+        for position in self._backlog.relieved(positions):
             if isinstance(position, GpsFix):
+                self._drag.on_fix(position)
                 self._tracker.on_fix(position)
             else:
                 self._tracker.on_time(position)
 
+    def predict(self, after_s: Iterable[float]) -> list[Prediction]:
+        """Say where it will be, counted from the newest frame; [] before the start."""
+        return self._tracker.predict(after_s)
+
     @property
     def counters(self) -> Counter[str]:
         """All that was counted: sentences, fixes, samples."""
-        return self._epochs.counters + self._tracker.counters
+        total = self._epochs.counters + self._tracker.counters
+        for watch in (self._axes, self._backlog, self._drag):
+            total += watch.counters
+        return total
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        return self._epochs.take_notices() + self._tracker.take_notices()
+        watches = (self._epochs, self._axes, self._backlog, self._drag)
+        said = [notice for watch in watches for notice in watch.take_notices()]
+        return said + self._tracker.take_notices()
+
+    def learnt(self) -> Learnt | None:
+        """What a next session can begin with; None: nothing, or not yet."""
+        return self._tracker.learnt()
 
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""

@@ -14,13 +14,14 @@ from binascii import unhexlify
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
+from imu_tracker import RELEASE_DATE
 from imu_tracker.errors import OutputError, RecordingError, TrackerError
-from imu_tracker.lines import end_of_lines, end_of_members, read_lines
+from imu_tracker.lines import end_of_lines, end_of_members, is_kin, read_lines
 from imu_tracker.outputs.appendfile import AppendFile, Layout, Limits
 from imu_tracker.record_format import (
     EXPECTED,
@@ -32,6 +33,7 @@ from imu_tracker.record_format import (
     parse_header,
 )
 from imu_tracker.samples import Frame, SessionHeader, Source
+from imu_tracker.sensors.nmea_dates import ROLLOVER_WEEKS
 
 _CHUNK_BYTES = 1 << 16
 
@@ -48,6 +50,8 @@ _DATED = re.compile(
     rb"|^G \d+ \$..RMC,(?P<time>\d{6})[^,\n]*,A,(?:[^,\n]*,){6}(?P<date>\d{6}),",
     re.MULTILINE,
 )
+
+_RELEASE = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
 
 log = logging.getLogger(__name__)
 
@@ -214,7 +218,7 @@ class LiveRecordingWriter(FrameWriter):
 
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__(path)
-        self._file = AppendFile(path, _PACKED if self._is_gzip else _PLAIN, limits)
+        self._file = AppendFile(path, layout_of(path), limits)
         self.counters = self._file.counters
 
     @property
@@ -273,6 +277,7 @@ def _is_whole(line: bytes) -> bool:
 
 
 def _first_utc(path: Path) -> str | None:
+    """Name a file by its first date; one that rolled over would sort as the oldest."""
     try:
         for lines in read_lines(path, RecordingError):
             if match := _DATED.search(b"\n".join(lines)):
@@ -281,11 +286,21 @@ def _first_utc(path: Path) -> str | None:
                     start = datetime.fromisoformat(header).astimezone(UTC)
                 else:
                     start = datetime.strptime(f"{date}{time}Z", "%d%m%y%H%M%S%z")
+                    while start < _RELEASE:
+                        start += timedelta(weeks=ROLLOVER_WEEKS)
                 return f"{start:%Y%m%dT%H%M%SZ}"
-    except (TrackerError, ValueError) as error:
+    except (TrackerError, ValueError, OverflowError) as error:
         log.debug("%s: tells no time: %s", path, error)
     return None
 
 
-_PLAIN = Layout(partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole), _first_utc)
-_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _first_utc)
+_is_kin = partial(is_kin, first_words=MAGIC.rstrip(b"1"), is_whole=_is_whole)
+_PLAIN = Layout(
+    partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole), _is_kin, _first_utc
+)
+_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _is_kin, _first_utc)
+
+
+def layout_of(path: Path) -> Layout:
+    """Return what a live recording under this name must know of its content."""
+    return _PACKED if path.name.endswith(".gz") else _PLAIN

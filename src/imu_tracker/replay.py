@@ -5,15 +5,19 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
 from imu_tracker.pipeline import Pipeline
-from imu_tracker.samples import Frame, NavState, SessionHeader
+from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader
 from imu_tracker.scenes import Outage, Stopwatch
 from imu_tracker.scoring import Track, score
+from imu_tracker.state_file import StateFile, sensor_of
+
+_MINUTE_NS: Final = 60_000_000_000
 
 log = logging.getLogger(__name__)
 
@@ -25,11 +29,21 @@ class Replay:
     ----------
     config : Config
         What is written in it overrules the headers.
+    corrections : Corrections, optional
+        Of the chip that was recorded.
+    state : StateFile, optional
+        What an earlier run learnt.
     """
 
-    def __init__(self, config: Config) -> None:
-        self._config = config
+    def __init__(
+        self,
+        config: Config,
+        corrections: Corrections | None = None,
+        state: StateFile | None = None,
+    ) -> None:
+        self._config, self._corrections, self._state = config, corrections, state
         self._pipeline: Pipeline | None = None
+        self._now_ns: int | None = None  # of this session
         self._stopwatch = Stopwatch()
         self._sessions = 0
         self._elapsed_s = 0.0
@@ -48,7 +62,7 @@ class Replay:
                 continue
             if self._pipeline is None:
                 raise ValueError("a stream begins with its header")
-            if due := self._pipeline.feed(item):
+            for due in self._due_rows(self._pipeline, item):
                 self._tell()
                 for state in due:
                     if state.utc_s > last_utc_s:
@@ -56,6 +70,17 @@ class Replay:
                         self._keep(item, state)
                         yield state
         self._tell()
+
+    def _due_rows(self, pipeline: Pipeline, frame: Frame) -> Iterator[list[NavState]]:
+        """Feed a frame; the rows of a long silence before it come minute by minute."""
+        now_ns = frame.t_ns if self._now_ns is None else self._now_ns
+        self._now_ns = max(now_ns, frame.t_ns)
+        while frame.t_ns - now_ns > _MINUTE_NS:
+            now_ns += _MINUTE_NS
+            yield pipeline.advance(now_ns)
+        if rows := pipeline.feed(frame):
+            yield rows
+        self._remember()
 
     def summary(self) -> str:
         """Say in one line what came of it."""
@@ -84,11 +109,22 @@ class Replay:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._counters += self._pipeline.counters
+            self._remember()
         header = self._config.amended(header)
         if self._sessions == 0:
             self._zero_utc_s = header.start_utc_s
         self._sessions += 1
-        self._pipeline = Pipeline(header, self._config.tracker_settings(header))
+        self._now_ns = None
+        settings = self._config.tracker_settings(header)
+        if self._state is not None:
+            mount = settings.mount or header.mount or DEFAULT_MOUNT
+            sensor = sensor_of(header.chip, mount, self._corrections)
+            settings = settings._replace(prior=self._state.begin(sensor))
+        self._pipeline = Pipeline(header, settings, corrections=self._corrections)
+
+    def _remember(self) -> None:
+        if self._state is not None and self._pipeline is not None:
+            self._state.remember(self._pipeline.learnt())
 
     def _keep(self, item: Frame, state: NavState) -> None:
         if self._zero_utc_s is None:

@@ -51,6 +51,7 @@ class Desk:
         own = (
             f"log.path={self.log}",
             f"status.path={self.status}",
+            "state.path=",
             f"gps.port={self.port}",
             "log.min_free_mb=0",
             "log.rate_hz=10",

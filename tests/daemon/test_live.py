@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Callable
-from math import inf
+from math import hypot, inf
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +33,14 @@ class Bench:
         self.log = directory / "latlong.csv"
         self.record = directory / "raw.rec"
         self.status = directory / "run" / "status.json"
+        self.state = directory / "lib" / "state.json"
         self.sensors: ScriptedSensors
 
     def config(self, *overrides: str) -> Config:
         own = (
             f"log.path={self.log}",
             f"status.path={self.status}",
+            f"state.path={self.state}",
             "log.min_free_mb=0",
         )
         return load_config(None, [*own, *overrides])
@@ -229,6 +231,25 @@ def test_the_status_tells_how_it_goes(bench: Bench) -> None:
     assert late["counters"]["rows"] > 100
     assert late["learnt"]["estimator"] == "six-state"
     assert "counters" not in late["learnt"]
+
+
+def test_the_status_tells_where_it_will_be(bench: Bench) -> None:
+    bench.script(40, gps_hidden=[(25, 40)])
+    early, late = bench.look(0.5), bench.look(35.5)
+    assert bench.run() == 0
+    assert early["prediction"] is None
+
+    ahead, row = late["prediction"], late["row"]
+    assert ahead["after_s"] == [1, 5, 10, 30, 60]
+    assert ahead["r95_m"] == sorted(set(ahead["r95_m"]))
+    assert ahead["r95_m"][0] >= row["r95_m"]
+    for after_s, lat_deg, lon_deg in zip(
+        ahead["after_s"], ahead["lat_deg"], ahead["lon_deg"], strict=True
+    ):
+        north_m = (lat_deg - row["lat_deg"]) * 111_000
+        east_m = (lon_deg - row["lon_deg"]) * 68_000
+        gone_m = row["speed_mps"] * after_s  # it does not turn
+        assert hypot(north_m, east_m) == pytest.approx(gone_m, rel=0.1, abs=1.0)
 
 
 def test_the_status_says_that_it_waits_for_a_fix(bench: Bench) -> None:

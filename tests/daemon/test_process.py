@@ -32,6 +32,7 @@ class Daemon:
         own = (
             f"log.path={self.log}",
             f"status.path={self.status}",
+            "state.path=",
             "log.min_free_mb=0",
         )
         sets = (f"--set={override}" for override in (*own, *overrides))

@@ -168,21 +168,65 @@ def test_a_tail_of_nothing_but_garbage_is_moved_away_not_cut(path: Path) -> None
     ("old", "name"),
     [
         ("time_utc,lat\n2026-11-22T12:00:00Z,51.9\n", f"{ROTATED}.csv"),
-        ("my shopping list", "latlong-undated.csv"),
-        ("\0\0\0\0a disk image", "latlong-undated.csv"),
+        ("time_utc,lat\n", "latlong-undated.csv"),
+        ("x" * 30 + content(0)[30:], f"{ROTATED}.csv"),
     ],
+    ids=["an older header", "nothing but one", "a damaged header"],
 )
-def test_a_file_with_another_header_is_moved_away_not_mixed(
+def test_a_log_with_another_header_is_moved_away_not_mixed(
     path: Path, old: str, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     path.write_text(old)
 
-    log = opened(path, 0)
+    log = opened(path, 1)
 
-    assert path.read_text() == content(0)
+    assert path.read_text() == content(1)
     assert path.with_name(name).read_text() == old
     assert f"had another format, moved to {path.with_name(name)}" in caplog.text
     log.close()
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        b"my shopping list",
+        b"a,b,c\n1,2,3\n",
+        b"\0\0\0\0a disk image",
+        gzip.compress(b"somebody's backup"),
+    ],
+)
+def test_a_file_of_somebody_else_is_refused_and_left_alone(
+    path: Path, foreign: bytes
+) -> None:
+    path.write_bytes(foreign)
+
+    with pytest.raises(
+        OutputError, match="did not write this file; move it away"
+    ) as error:
+        opened(path)
+
+    assert error.value.exit_code == 73
+    assert path.read_bytes() == foreign
+    assert {found.name for found in path.parent.iterdir()} == {
+        *("latlong.csv", ".latlong.csv.lock"),
+    }
+
+
+def test_a_foreign_file_put_in_its_place_later_is_left_alone_and_rows_wait(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    log = opened(path, 0)
+    path.unlink()
+    path.write_text("my shopping list")
+    log.reopen()
+    write(log, 1)
+    assert log.is_failing
+    assert "did not write" in caplog.text
+    assert path.read_text() == "my shopping list"
+    path.unlink()
+    log.reopen()
+    log.close()
+    assert path.read_text() == content(1)
 
 
 def test_a_second_daemon_on_the_same_log_is_refused(path: Path) -> None:

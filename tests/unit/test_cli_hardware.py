@@ -12,7 +12,7 @@ import pytest
 from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.world import Feeling
-from imu_tracker import checks, hardware
+from imu_tracker import hardware, mending
 from imu_tracker.cli import main
 from imu_tracker.recording import read_recording
 from imu_tracker.samples import Frame, SessionHeader, Source
@@ -99,7 +99,7 @@ def bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Bench]:
     monkeypatch.setattr(hardware, "open_bus", bench.open_bus)
     monkeypatch.setattr(hardware, "gps_reader", bench.gps_reader)
     monkeypatch.setattr(hardware, "imu_reader", bench.imu_reader)
-    monkeypatch.setattr(checks, "_CMDLINE", tmp_path / "cmdline")
+    monkeypatch.setattr(mending, "CMDLINE", tmp_path / "cmdline")
     (tmp_path / "cmdline").write_text("root=/dev/mmcblk0p2 console=tty1")
     yield bench
     assert bench.bus.open_handles == 0
@@ -224,6 +224,7 @@ def test_a_console_on_the_port_is_told_before_listening(
     code, found = check(capsys, "gps.port=/dev/ttyAMA0")
     assert code == 69
     assert f"console ({f'console={console}'})" in found["GPS port"]
+    assert "sudo raspi-config nonint do_serial_cons 1" in found["GPS port"]
 
 
 @pytest.mark.parametrize(
@@ -254,6 +255,15 @@ def test_a_log_that_cannot_be_written_is_exit_73(
     assert code == 73
     assert "this user cannot write to cmdline" in found["log"]
     assert found["recording"].startswith("ok ")
+
+
+def test_a_log_path_with_a_file_of_somebody_else_is_exit_73(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("log.csv").write_text("my shopping list")
+    code, found = check(capsys)
+    assert code == 73
+    assert "imu-tracker did not write this file" in found["log"]
 
 
 def test_a_disk_that_is_nearly_full_is_a_warning(

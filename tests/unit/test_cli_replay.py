@@ -288,7 +288,7 @@ def test_a_malformed_recording_is_exit_65_with_path_and_line(
         (["--truth", "none.csv"], 66, "none.csv: No such file"),
         (["--config", "none.toml"], 78, "none.toml: no such file"),
         (["--set", "imu.rate_hz=5000"], 78, "imu.rate_hz = 5000: must be"),
-        (["--set", "imu.calibration=c.json"], 78, "not available in this version"),
+        (["--set", "imu.calibration=c.json"], 66, "c.json: No such file"),
     ],
 )
 def test_a_replay_that_cannot_be_is_one_line(

@@ -43,8 +43,8 @@ def test_one_sentence_is_chance() -> None:
 def test_a_speed_that_was_right_gets_longer() -> None:
     search = BaudSearch(9600, 0)
     hear(search, 0, 3, 2)
-    assert hear(search, 3, 4, 0) == 0
-    assert hear(search, 7, 2, 0) == 1
+    assert hear(search, 3, 6, 0) == 0
+    assert hear(search, 9, 2, 0) == 1
     assert not search.is_found
 
 
@@ -65,3 +65,38 @@ def test_a_speed_of_no_table_leads_into_it() -> None:
     search = BaudSearch(12345, 0)
     assert hear(search, 0, 2.5, 0) == 1
     assert search.baud == BAUDS[0]
+
+
+def garbled(search: BaudSearch, start_s: float, seconds: int) -> list[int]:
+    """Let a burst of garbage come each second, and a pause; list the speeds."""
+    turns = []
+    for second in range(seconds):
+        now_ns = round((start_s + second) * S)
+        assert not search.hear(now_ns, 0), "in the midst of a burst"
+        search.pause(now_ns + S // 2)
+        turns.append(search.baud)
+    return turns
+
+
+def test_between_bursts_the_speed_that_was_right_gets_every_other_turn() -> None:
+    search = BaudSearch(38400, 0)
+    hear(search, 0, 3, 2)
+    turns = garbled(search, 3, 19)
+    changed = turns[turns.index(115200) :]
+    assert 3 <= len(turns) - len(changed) <= 6
+    assert set(changed[1::2]) == {38400}
+    assert changed[:12:2] == [115200, 4800, 57600, 19200, 230400, 9600]
+
+
+def test_one_sentence_is_enough_to_stay_for_another() -> None:
+    search = BaudSearch(9600, 0, known=9600)
+    search.hear(S, 1)
+    assert not search.pause(S + S // 2)
+    search.hear(2 * S, 1)
+    assert search.is_found
+
+
+def test_a_pause_after_silence_changes_nothing() -> None:
+    search = BaudSearch(9600, 0)
+    hear(search, 0, 3, 2)
+    assert not any(search.pause(second * S) for second in range(3, 60))

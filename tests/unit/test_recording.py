@@ -1,4 +1,5 @@
 import gzip
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +12,12 @@ from imu_tracker.outputs.appendfile import Limits
 from imu_tracker.recording import (
     LiveRecordingWriter,
     RecordingWriter,
+    layout_of,
     read_recording,
     tee,
 )
 from imu_tracker.samples import Frame, SessionHeader, Source
+from nmea_text import sentence
 from small_disk import SmallDisk
 
 SECOND_NS = 1_000_000_000
@@ -53,6 +56,10 @@ START = f"# imu-tracker recording 1\n# {MINIMAL}\n"
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "raw.rec"
+
+
+def dated(day: str) -> bytes:
+    return sentence(f"GNRMC,120001.00,A,5159.4,N,00422.2,E,0.0,,{day},,,A")
 
 
 def read(path: Path, content: str | bytes) -> list[Item]:
@@ -455,14 +462,38 @@ def test_a_header_that_was_torn_is_cut_off_too(path: Path, kept: int) -> None:
     assert list(read_recording(path)) == [HEADER, FULL_HEADER, burst(1)]
 
 
-def test_a_file_that_is_no_recording_is_moved_away(live_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused_and_left_alone(
+    live_path: Path,
+) -> None:
     live_path.write_text("my shopping list")
+
+    with pytest.raises(OutputError, match="did not write this file; move it away"):
+        recorded(live_path, HEADER, burst(1))
+
+    assert live_path.read_text() == "my shopping list"
+
+
+def test_a_recording_of_another_version_is_moved_away(live_path: Path) -> None:
+    later = START.encode().replace(b"recording 1", b"recording 2")
+    is_packed = live_path.suffix == ".gz"
+    live_path.write_bytes(gzip.compress(later) if is_packed else later)
 
     recorded(live_path, HEADER, burst(1))
 
-    moved = live_path.with_name(live_path.name.replace("raw", "raw-undated"))
-    assert moved.read_text() == "my shopping list"
+    (moved,) = live_path.parent.glob("raw-*")
+    assert moved.name.startswith("raw-undated")
     assert list(read_recording(live_path)) == [HEADER, burst(1)]
+
+
+@pytest.mark.parametrize("zeros", [0, 300])
+def test_whatever_a_power_cut_leaves_of_the_first_bytes_is_no_strangers_file(
+    zeros: int, live_path: Path
+) -> None:
+    recorded(live_path, HEADER)
+    whole, layout = live_path.read_bytes(), layout_of(live_path)
+    for kept in range(len(whole)):
+        file = io.BytesIO(whole[:kept] + b"\0" * zeros)
+        assert layout.whole_size(file) is not None or layout.is_kin(file)
 
 
 def test_a_long_member_that_is_torn_is_moved_away_not_cut(tmp_path: Path) -> None:
@@ -478,18 +509,39 @@ def test_a_long_member_that_is_torn_is_moved_away_not_cut(tmp_path: Path) -> Non
 def test_a_recording_rotates_like_the_log_and_each_part_has_a_header(
     live_path: Path,
 ) -> None:
-    frames = [GPS_LINE, *map(burst, range(250))]
+    frames = [GPS_LINE._replace(data=dated("221226")), *map(burst, range(250))]
     recorded(live_path, HEADER, *frames, mb=1e-4)
     recorded(live_path, HEADER, *map(burst, range(50)))  # time to compress the rest
 
     parts = list(live_path.parent.glob("raw-*"))
-    assert "raw-20261122T120001Z.rec.gz" in {part.name for part in parts}
+    assert "raw-20261222T120001Z.rec.gz" in {part.name for part in parts}
     assert {part.suffix for part in parts} == {".gz"}
     found = [list(read_recording(part)) for part in parts]
     assert all(items[0] == HEADER for items in found)
     assert sorted(f for items in found for f in items if isinstance(f, Frame)) == (
         sorted(frames)
     )
+
+
+def test_after_a_week_rollover_a_rotated_file_does_not_become_the_oldest(
+    live_path: Path,
+) -> None:
+    # It was named by the date as sent, 1024 weeks back, and the oldest goes first.
+    recorded(live_path, HEADER, GPS_LINE._replace(data=dated("080507")), mb=1e-6)
+    names = {path.name.partition(".")[0] for path in live_path.parent.glob("raw-*")}
+    assert "raw-20261222T120001Z" in names
+
+
+def test_a_date_that_no_clock_shows_leaves_a_rotated_file_undated(
+    live_path: Path,
+) -> None:
+    # Its UTC would lie in the year 0, which ended the daemon.
+    early = MINIMAL.replace("}", ', "start_utc": "0001-01-01T00:00:00+14:00"}')
+    text = f"# imu-tracker recording 1\n# {early}\n".encode()
+    is_gzip = live_path.suffix == ".gz"
+    live_path.write_bytes(gzip.compress(text) if is_gzip else text)
+    recorded(live_path, HEADER, *map(burst, range(9)), mb=1e-6)
+    assert any("undated" in path.name for path in live_path.parent.iterdir())
 
 
 def test_a_recording_without_a_date_is_rotated_too(tmp_path: Path) -> None:

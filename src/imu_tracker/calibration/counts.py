@@ -19,8 +19,8 @@ COUNTS_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
 COUNTS_PER_DPS = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
 """Gyro sensitivity by range in deg/s (PS-MPU-6000A section 6.1)."""
 
-_TEMP_COUNTS_PER_DEGC = 340.0  # register map, section 4.18
-_TEMP_OFFSET_DEGC = 36.53
+TEMP_COUNTS_PER_DEGC = 340.0  # register map, section 4.18
+TEMP_OFFSET_DEGC = 36.53
 _MAX_COUNT, _MIN_COUNT = 32767, -32768
 
 _BURST = Struct(">7h")  # ax ay az temp gx gy gz, registers 0x3B to 0x48
@@ -101,14 +101,14 @@ class CountsModel:
             t_ns,
             (counts[ix] * ax, counts[iy] * ay, counts[iz] * az),
             (counts[4 + ix] * gx, counts[4 + iy] * gy, counts[4 + iz] * gz),
-            counts[3] / _TEMP_COUNTS_PER_DEGC + _TEMP_OFFSET_DEGC,
+            counts[3] / TEMP_COUNTS_PER_DEGC + TEMP_OFFSET_DEGC,
             is_saturated,
         )
 
     def encode(self, accel_mps2: Vec3, gyro_radps: Vec3, temp_degc: float) -> bytes:
         """Encode body-axes SI values as the chip would: rounded, clipped to 16 bit."""
         values = [0.0] * 7
-        values[3] = (temp_degc - _TEMP_OFFSET_DEGC) * _TEMP_COUNTS_PER_DEGC
+        values[3] = (temp_degc - TEMP_OFFSET_DEGC) * TEMP_COUNTS_PER_DEGC
         for body, chip in enumerate((self._ix, self._iy, self._iz)):
             values[chip] = accel_mps2[body] / self._accel_gain[body]
             values[4 + chip] = gyro_radps[body] / self._gyro_gain[body]

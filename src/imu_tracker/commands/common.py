@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import logging
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -139,8 +140,8 @@ class Output:
         For whatever the disk refuses, on opening and later.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._name = "stdout" if path == STDOUT else str(path)
+    def __init__(self, path: Path, name: str = "") -> None:
+        self._name = name or ("stdout" if path == STDOUT else str(path))
         with self._errors():
             self._file = (
                 sys.stdout
@@ -180,3 +181,32 @@ class Output:
             raise  # the reader has seen enough: no error
         except OSError as error:
             raise OutputError(f"{self._name}: {error.strerror or error}") from error
+
+
+@contextlib.contextmanager
+def whole_output(path: Path) -> Iterator[Output]:
+    """Open an output that stands under its name only when it is whole.
+
+    Stdout, pipes and devices are written as they are.
+
+    Raises
+    ------
+    OutputError
+        For whatever the disk refuses.
+    """
+    if path == STDOUT or (path.exists() and not path.is_file()):
+        with Output(path) as output:
+            yield output
+        return
+    target = path.resolve()  # a link stays one
+    unfinished = target.with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        with Output(unfinished, str(path)) as output:
+            yield output
+        try:
+            unfinished.replace(target)
+        except OSError as error:
+            raise OutputError(f"{path}: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)

@@ -18,6 +18,7 @@ from imu_tracker.commands.common import (
     add_command,
     add_config,
     config_of,
+    new_file,
     positive,
     progress,
     refuse_to_overwrite,
@@ -26,6 +27,8 @@ from imu_tracker.commands.common import (
 )
 
 if TYPE_CHECKING:
+    from imu_tracker.calibration.corrected import Corrections
+    from imu_tracker.config import Config
     from imu_tracker.samples import Frame, NavState, SessionHeader
     from imu_tracker.scenes import Outage
 
@@ -45,6 +48,7 @@ _EXAMPLES = """\
   imu-tracker replay drive.rec.gz --set filter.profile=vehicle | tail -n 3
   imu-tracker replay drive.rec --truth truth.csv --gps-outage 120:60 --gps-outage 300:30
   imu-tracker replay drive.rec --truth truth.csv --gps-every 5 --json
+  imu-tracker replay drive.rec --state drive.json --set filter.estimator=error-state
   imu-tracker replay drive.rec --speed 1 --output -          as if it were now"""
 
 
@@ -88,6 +92,13 @@ def add_replay(subparsers: Subparsers) -> None:
         help="keep the first, (N+1)th, (2N+1)th ... epoch of the receiver",
     )
     parser.add_argument(
+        "--state",
+        type=new_file,
+        metavar="FILE",
+        help="begin with what an earlier run learnt, where the file exists, and write "
+        "what this one learns",
+    )
+    parser.add_argument(
         "--speed",
         type=positive,
         metavar="X",
@@ -116,16 +127,18 @@ def run_replay(args: argparse.Namespace) -> int:
     from imu_tracker.replay import Replay
     from imu_tracker.scenes import Outage
     from imu_tracker.scoring import describe, read_truth
+    from imu_tracker.state_file import StateFile
 
     config = config_of(args)
     output = args.output
     if output is None and args.truth is None and not args.json:
         output = STDOUT
-    refuse_to_overwrite([output], [args.recording, args.truth])
+    refuse_to_overwrite([output, args.state], [args.recording, args.truth])
     truth = read_truth(args.truth) if args.truth is not None else None
     outages = [Outage(*outage) for outage in args.outages]
 
-    replay = Replay(config)
+    state = StateFile(args.state) if args.state is not None else None
+    replay = Replay(config, _corrections(args, config), state)
     rows = replay.rows(_scene(args, outages))
     if output is None:
         collections.deque(rows, maxlen=0)
@@ -133,6 +146,12 @@ def run_replay(args: argparse.Namespace) -> int:
         _write_log(output, rows, is_live=args.speed is not None)
 
     log.info("%s: %s", args.recording, replay.summary())
+    if state is not None:
+        is_kept = state.write()
+        what = "written" if is_kept else "not written: nothing was learnt to be kept"
+        log.log(
+            logging.INFO if is_kept else logging.WARNING, "%s: %s", args.state, what
+        )
     result = {"recording": str(args.recording), **replay.result()}
     if truth is not None:
         result["score"] = replay.score(truth, outages)
@@ -141,6 +160,19 @@ def run_replay(args: argparse.Namespace) -> int:
     elif truth is not None:
         write("".join(f"{line}\n" for line in describe(result["score"])))
     return 0
+
+
+def _corrections(args: argparse.Namespace, config: "Config") -> "Corrections | None":
+    """Read the calibration that `--set` names; the file's is this machine's own."""
+    is_named = any(
+        override.partition("=")[0].strip() == "imu.calibration"
+        for override in args.overrides
+    )
+    if not is_named or config.imu.calibration is None:
+        return None
+    from imu_tracker.calibration_file import read_calibration
+
+    return read_calibration(config.imu.calibration).corrections()
 
 
 def _scene(

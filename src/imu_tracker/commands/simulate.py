@@ -40,7 +40,10 @@ scenarios:
   walk-line    walk straight on
   walk-square  walk round a square
   roundabout   drive round and round
-  drive        drive about town: turns, stops, hills, a tunnel; each seed another way"""
+  drive        drive about town: turns, stops, hills, a tunnel; each seed another way
+  square       slide round a square of 1 m; a tablet's sensors, a fix of 1 m each second
+  circle       the same on a circle of 1 m radius
+  lissajous    the same on the figure (cos 3t, sin 2t)"""
 
 _EXAMPLES = """\
   imu-tracker simulate drive --output drive.rec --truth truth.csv
@@ -119,7 +122,7 @@ def run_simulate(args: argparse.Namespace) -> int:
         args.scenario,
         seed=config.source.seed if args.seed is None else args.seed,
         duration_s=args.duration or config.source.duration_s or None,
-        rate_hz=config.imu.rate_hz,
+        rate_hz=config.imu.chosen_rate_hz,
         accel_range_g=config.imu.accel_range_g,
         gyro_range_dps=config.imu.gyro_range_dps,
         mount=config.imu.mount,

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from imu_tracker.estimation.tracker import TrackerSettings
 
 CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
+STATE: Final = Path("/var/lib/imu-tracker/state.json")
 
 GYRO_RATE_HZ: Final = 1000
 """What the chip divides by a whole number, with its low-pass filter on."""
@@ -63,7 +64,9 @@ class SourceConfig(Table):
         "hardware", '"hardware", "simulation" or "recording"'
     )
     scenario: Scenario = _key(
-        "drive", '"still", "walk-line", "walk-square", "roundabout" or "drive"'
+        "drive",
+        '"still", "walk-line", "walk-square", "roundabout", "drive", "square", '
+        '"circle" or "lissajous"',
     )
     seed: int = _key(0, "a whole number, 0 or more", ge=0)
     duration_s: float = _key(
@@ -105,14 +108,10 @@ class ImuConfig(Table):
     calibration: OptionalPath = _key(CALIBRATION, 'a path, or "" for none')
     allow_unknown_chip: bool = _key(False, "true or false")
 
-    @field_validator("calibration", mode="after")
-    @classmethod
-    def _none_can_be_read_yet(cls, path: Path | None) -> Path | None:
-        if path not in (None, CALIBRATION):
-            raise ValueError(
-                "must be left out: calibration files are not available in this version"
-            )
-        return path
+    @property
+    def chosen_rate_hz(self) -> float | None:
+        """The rate when somebody wrote it; a simulation has one of its own."""
+        return self.rate_hz if "rate_hz" in self.model_fields_set else None
 
     @field_validator("rate_hz", mode="after")
     @classmethod
@@ -194,6 +193,12 @@ class StatusConfig(Table):
     path: FilePath = _key(Path("/run/imu-tracker/status.json"), "the path of a file")
 
 
+class StateConfig(Table):
+    """`[state]`: what was learnt, for the next start."""
+
+    path: OptionalPath = _key(STATE, 'the path of a file, or "" for none')
+
+
 class Config(Table):
     """The whole file."""
 
@@ -204,6 +209,7 @@ class Config(Table):
     log: LogConfig = LogConfig()
     record: RecordConfig = RecordConfig()
     status: StatusConfig = StatusConfig()
+    state: StateConfig = StateConfig()
 
     @model_validator(mode="after")
     def _only_the_error_state_filter_learns(self) -> "Config":
@@ -224,6 +230,8 @@ class Config(Table):
         outputs = {"log.path": self.log.path, "status.path": self.status.path}
         if self.record.path is not None:
             outputs["record.path"] = self.record.path
+        if self.state.path is not None:
+            outputs["state.path"] = self.state.path
         seen: dict[Path, str] = {}
         for key, path in outputs.items():
             if path in seen:
@@ -258,6 +266,12 @@ class Config(Table):
             start=(lat_lon[0], lat_lon[1]) if lat_lon else None,
             start_radius_m=self.filter.start_radius_m,
         )
+
+    @property
+    def state_path(self) -> Path | None:
+        """Where the daemon keeps what it learns; what is played has to name a file."""
+        is_named = "path" in self.state.model_fields_set
+        return self.state.path if is_named or self.source.kind == "hardware" else None
 
     def amended(self, header: SessionHeader) -> SessionHeader:
         """Return the header with the start that is written here, if one is."""

@@ -10,9 +10,11 @@ from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
 from imu_tracker.daemon.supervision import Notify, Signals, systemd_notify
+from imu_tracker.errors import CalibrationError, InputMissingError
 from imu_tracker.sensors.clock import Clock, MonotonicClock
 
 if TYPE_CHECKING:
+    from imu_tracker.calibration.corrected import Corrections
     from imu_tracker.config import Config
     from imu_tracker.daemon.feeds import Feed
     from imu_tracker.daemon.live import GpsFactory, ImuFactory
@@ -74,8 +76,34 @@ def run(
         notify = notify or systemd_notify()
         log.info("begun: %s to %s", config.source.kind, config.log.path)
         feed = _open_feed(config, clock, imu_reader, gps_reader)
-        Loop(config, feed, latlong, recorder, told, clock, notify).run()
+        known = _corrections(config)
+        Loop(config, feed, latlong, recorder, told, clock, notify, known).run()
     return 0
+
+
+def _corrections(config: "Config") -> "Corrections | None":
+    """Read what is known of this machine's chip; whatever is wrong with it is told.
+
+    A played stream is another chip's: it gets a calibration only when one is named.
+    """
+    from imu_tracker.calibration_file import read_calibration
+    from imu_tracker.config.tables import CALIBRATION
+
+    path = config.imu.calibration
+    is_usual = path == CALIBRATION
+    if path is None or (is_usual and config.source.kind != "hardware"):
+        return None
+    try:
+        corrections = read_calibration(path).corrections()
+    except InputMissingError as error:
+        level = logging.DEBUG if is_usual else logging.WARNING
+        log.log(level, "%s: goes on uncalibrated", error)
+        return None
+    except CalibrationError as error:
+        log.warning("%s; goes on uncalibrated", error)
+        return None
+    log.info("calibrated by %s", path)
+    return corrections
 
 
 def _open_feed(

@@ -6,19 +6,24 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
+import math
 import os
 from collections import Counter
 from typing import Any, Final
 
+from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.feeds import Feed
+from imu_tracker.daemon.state import KeptState
 from imu_tracker.daemon.status import VERSION, StatusFile, disk_free_mb, row_of
 from imu_tracker.daemon.supervision import Notify, Signals
+from imu_tracker.errors import CalibrationError
 from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording import LiveRecordingWriter
-from imu_tracker.samples import Frame, NavState, SessionHeader, Source
+from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock, Pacer
+from imu_tracker.state_file import sensor_of
 
 TURN_NS: Final = 20 * MILLISECOND_NS
 """Without an IMU rows come 0.4 s after their instant, `ARRIVAL_NS`, and a turn."""
@@ -28,7 +33,10 @@ HEALTH_NS: Final = 60 * SECOND_NS
 LATE_NS: Final = 500 * MILLISECOND_NS
 """A row that is older than this when it is written is counted as late."""
 
-_BAD_ENDS: Final = ("_lost", "_failed", "_overrun")
+AHEAD_S: Final = (1, 5, 10, 30, 60)
+"""So far ahead the status says where it will be."""
+
+_BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
 """Events whose word ends so are warnings."""
 
 _USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
@@ -48,6 +56,8 @@ class Loop:
         Keeps the frames as they came.
     signals, clock, notify
         What the outside says, the time, and how to tell systemd.
+    corrections : Corrections, optional
+        What the calibration file knows of the chip.
     """
 
     def __init__(
@@ -59,11 +69,14 @@ class Loop:
         signals: Signals,
         clock: Clock,
         notify: Notify,
+        corrections: Corrections | None = None,
     ) -> None:
+        self._corrections, self._calibration = corrections, config.imu.calibration
         self._config, self._feed = config, feed
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
         self._status = StatusFile(config.status.path)
+        self._state = KeptState(config.state_path, clock.now_ns())
         self._pipeline: Pipeline | None = None
         self._row: NavState | None = None
         self._late_rows = 0
@@ -88,6 +101,8 @@ class Loop:
             self._status.remove()
         while self._take():
             pass
+        if self._pipeline is not None:
+            self._state.save(self._pipeline, self._chip)
         what = "told to" if self._signals.is_stop else f"{self._source} is over"
         log.info("ended: %s; %d rows", what, self._latlong.counters["rows"])
 
@@ -106,6 +121,8 @@ class Loop:
         if now_ns >= self._second_ns:
             self._second_ns = now_ns + SECOND_NS
             self._each_second(now_ns)
+            if self._pipeline is not None:
+                self._state.tick(now_ns, self._pipeline, self._chip)
         if now_ns >= self._health_ns:
             self._health_ns = now_ns + HEALTH_NS
             self._tell_health()
@@ -130,10 +147,26 @@ class Loop:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._past += self._pipeline.counters
+            self._state.remember(self._pipeline, self._chip)
         if self._recorder is not None:
             self._recorder.write_header(header)
         settings = self._config.tracker_settings(header)
-        self._pipeline = Pipeline(header, settings, live=self._feed.is_live)
+        live, mount = self._feed.is_live, settings.mount or DEFAULT_MOUNT
+        known = self._corrections
+        if known is not None:
+            try:
+                CorrectedModel(header, mount, known)
+            except CalibrationError as error:
+                log.warning("%s: %s; goes on uncalibrated", self._calibration, error)
+                known = None
+        sensor = sensor_of(self._chip if live else header.chip, mount, known)
+        settings = settings._replace(prior=self._state.begin(sensor))
+        self._pipeline = Pipeline(header, settings, live=live, corrections=known)
+
+    @property
+    def _chip(self) -> str:
+        """Its name, as far as it is known by now."""
+        return str(self._feed.health().get("imu", {}).get("chip", ""))
 
     def _on_frame(self, frame: Frame) -> None:
         if self._pipeline is None:
@@ -189,14 +222,14 @@ class Loop:
         return self._config.source.kind
 
     @property
-    def _state(self) -> str:
+    def _doing(self) -> str:
         if self._row is not None:
             return "tracking"
         return "starting" if self._pipeline is None else "waiting for the first fix"
 
     def _summary(self) -> str:
         if self._row is None:
-            return self._state
+            return self._doing
         return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
 
     def _counters(self) -> Counter[str]:
@@ -204,12 +237,25 @@ class Loop:
         if self._pipeline is not None:
             total.update(self._pipeline.counters)
         total.update(self._latlong.counters)
+        total.update(self._state.counters)
         total["late_rows"] = self._late_rows
         if self._recorder is not None:
             recorded = self._recorder.counters
             total.update({f"recording_{name}": n for name, n in recorded.items()})
         total.update(self._feed.counters)
         return total
+
+    def _ahead(self) -> dict[str, Any] | None:
+        """Where it will be: a column of the status for each column of a prediction."""
+        if self._row is None or self._pipeline is None:
+            return None
+        found = self._pipeline.predict(AHEAD_S)
+        return {
+            "after_s": [told.after_s for told in found],
+            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
+            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
+            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
+        }
 
     def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
         """Return the status, see `status`."""
@@ -223,7 +269,7 @@ class Loop:
             "t_ns": now_ns,
             "uptime_s": (now_ns - self._start_ns) // SECOND_NS,
             "source": self._source,
-            "state": self._state,
+            "state": self._doing,
             "mode": row and row["mode"],
             "r95_m": row and row["r95_m"],
             "row_age_s": (
@@ -237,6 +283,7 @@ class Loop:
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
+            "prediction": self._ahead(),
             **health,
             "log": {
                 "path": str(self._config.log.path),

@@ -22,7 +22,7 @@ def simulated(config: Config) -> Iterator[SessionHeader | Frame]:
         source.scenario,
         seed=source.seed,
         duration_s=source.duration_s or None,
-        rate_hz=imu.rate_hz,
+        rate_hz=imu.chosen_rate_hz,
         accel_range_g=imu.accel_range_g,
         gyro_range_dps=imu.gyro_range_dps,
         mount=imu.mount,

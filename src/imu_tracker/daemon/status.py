@@ -13,6 +13,9 @@ Version 1 of the object::
     imu_rate_hz      samples per second, measured; 0 while none come; null when played
     disk_free_mb     where the log is; null when it cannot be told
     row              the last row, by the columns of the log; null before
+    prediction       where it will be so many seconds after the newest sample, and the
+                     radius that holds it with 95 %: after_s, lat_deg, lon_deg, r95_m,
+                     a list each; null before the first row
     imu, gps         how each sensor is; absent for other sources
     log              path, is_failing (rows wait in memory: the disk takes none)
     counters         everything that was counted since the start, by name

@@ -18,14 +18,22 @@ from imu_tracker.estimation.eskf import Eskf
 from imu_tracker.estimation.noise_bank import NoiseBank
 from imu_tracker.estimation.orientation import (
     REVERSE_MPS,
+    REVERSE_RAD,
+    forget_gyro_bias,
     head_for,
     off_course,
     place,
+    turn,
     yaw_between,
 )
 from imu_tracker.estimation.preintegration import ImuStep
 from imu_tracker.estimation.receiver import ReceiverModel
-from imu_tracker.estimation.rotation import level_from_gravity, to_euler, wrap_pi
+from imu_tracker.estimation.rotation import (
+    IDENTITY,
+    level_from_gravity,
+    to_euler,
+    wrap_pi,
+)
 from imu_tracker.estimation.standstill import Rest
 from imu_tracker.estimation.yaw_bank import CONVERGED_SIGMA_RAD, YawBank
 from imu_tracker.samples import GpsFix, Quat
@@ -55,6 +63,9 @@ GUESS_SIGMA_RAD: Final = math.radians(30.0)
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
 
+RESTED_SIGMA_RADPS: Final = math.radians(0.05)
+"""Better known than this is a gyro's bias only after a rest (`vehicle.rest`)."""
+
 
 class Alignment:
     """Levels the filters, gives them a heading, and doubts it.
@@ -76,6 +87,9 @@ class Alignment:
     agnostic : Eskf or None
         The filter that never took the course for the heading, until the yaw bank has
         confirmed the others.
+    is_memory_unproved : bool
+        Whether what an earlier run learnt is in the filters, and was not yet held
+        against a filter without it.
     """
 
     def __init__(
@@ -89,6 +103,7 @@ class Alignment:
         self.level_q: Quat | None = None
         self.is_aligned = False
         self.agnostic: Eskf | None = None
+        self.is_memory_unproved = self._is_memory_tried = False
 
     @property
     def is_level(self) -> bool:
@@ -157,7 +172,11 @@ class Alignment:
         heading = self._bank.judge(main, challenger, period_s)
         if heading is None:
             return
-        if heading:
+        if self._is_memory_tried:
+            self._is_memory_tried = self.is_memory_unproved = False
+            if heading:
+                self._notify("what the last run learnt does not fit; learnt anew")
+        elif heading:
             self._notify("the heading was wrong; learnt anew")
         self.agnostic = None
         self._yaw_bank.forget()
@@ -168,6 +187,8 @@ class Alignment:
         self._ask_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
             self._take_course(fix)
+        elif self.is_memory_unproved and not self._bank.is_heading_trial:
+            self._try_without_memory(fix)
 
     def _mind_reverse(self) -> None:
         """Nobody goes backwards so fast: the box sits turned by half a turn."""
@@ -201,7 +222,7 @@ class Alignment:
         if not self.is_aligned:
             if sigma_rad < CONVERGED_SIGMA_RAD:
                 self._take_yaw(yaw_rad, sigma_rad)
-        elif not self._bank.is_heading_trial:
+        elif self._is_memory_tried or not self._bank.is_heading_trial:
             self._hold_against(yaw_rad, sigma_rad)
 
     def _hold_against(self, yaw_rad: float, sigma_rad: float) -> None:
@@ -220,6 +241,7 @@ class Alignment:
             candidate = eskf.clone(eskf.noise)
             candidate.take_over(levelled)
             place(candidate, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
+            self._is_memory_tried = False
             self._bank.challenge_heading(candidate)
 
     def _take_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
@@ -231,24 +253,87 @@ class Alignment:
 
     def _take_course(self, fix: GpsFix) -> None:
         """Take the course for the heading of a vehicle."""
-        if fix.vel_ne_mps is None or not self._carrier.is_vehicle:
+        course = self._course(fix)
+        if course is None or not self._carrier.is_vehicle:
             return
-        vn, ve = fix.vel_ne_mps
-        speed_mps = math.hypot(vn, ve)
+        course_rad, course_sigma_rad = course
         main = self._bank.main
-        if speed_mps < COURSE_SPEED_MPS or abs(main.rate_n[2]) > COURSE_TURN_RADPS:
-            return
-        course_rad = math.atan2(ve, vn)
         yaw_rad, sigma_rad = self._yaw_bank.answer()
         wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
         if _contradicts(wrong_rad, sigma_rad):
             self._take_yaw(yaw_rad, sigma_rad)
             return
         self.agnostic = main.clone(main.noise)
-        course_sigma_rad = math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / speed_mps)
         for eskf in self._bank.filters:
             head_for(eskf, course_rad, course_sigma_rad)
         self.is_aligned = True
+
+    def _course(self, fix: GpsFix) -> tuple[float, float] | None:
+        """Course as far as it tells the heading of a vehicle, with its sigma."""
+        if fix.vel_ne_mps is None:
+            return None
+        vn, ve = fix.vel_ne_mps
+        speed_mps = math.hypot(vn, ve)
+        turn_radps = abs(self._bank.main.rate_n[2])
+        if speed_mps < COURSE_SPEED_MPS or turn_radps > COURSE_TURN_RADPS:
+            return None
+        sigma_rad = math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / speed_mps)
+        return math.atan2(ve, vn), sigma_rad
+
+    # ------------------------------------------------------- what an earlier run knew
+
+    def recall_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
+        """Take the heading in which the vehicle was left."""
+        for eskf in self._bank.filters:
+            turn(eskf, wrap_pi(yaw_rad - to_euler(eskf.nominal.q_nb)[2]))
+            P = eskf.P.copy()
+            P[8, :] = P[:, 8] = 0.0
+            P[8, 8] = sigma_rad**2
+            eskf.P = P
+        self._yaw_bank.turned(yaw_rad)
+        self.is_aligned = True
+
+    def _try_without_memory(self, fix: GpsFix) -> None:
+        """Try a filter as it would be had there been no earlier run.
+
+        As soon as the vehicle goes: parked, nothing tells the two apart. If the box is
+        in another car, this one will soon foretell the fixes better.
+        """
+        course = self._course(fix)
+        if course is None:
+            return
+        candidate = self._bank.main.clone(self._bank.main.noise)
+        self._forget_memory(candidate)
+        if self._carrier.is_vehicle:
+            off_rad = abs(off_course(self._bank.main, course[0]))
+            if CONTRADICTED_RAD < off_rad < REVERSE_RAD:
+                # Neither ahead nor in reverse: it was not left with this heading.
+                for eskf in self._bank.filters:
+                    head_for(eskf, *course)
+            head_for(candidate, *course)
+        self._is_memory_tried = True
+        self._bank.challenge_heading(candidate)
+
+    def give_up_memory(self) -> None:
+        """Learn anew, after what was remembered has led astray."""
+        if not self.is_memory_unproved:
+            return
+        self.is_memory_unproved = self._is_memory_tried = False
+        self._forget_memory(self._bank.main)
+        self._bank.challenge_noise()
+        self.is_aligned = False
+        self.start()
+        self._notify("what the last run learnt does not fit; learnt anew")
+
+    def _forget_memory(self, eskf: Eskf) -> None:
+        """Doubt the orientation, the biases and the mounting as a first start does."""
+        eskf.forget_orientation(eskf.sigma(8), is_vehicle=self._carrier.is_vehicle)
+        if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
+            forget_gyro_bias(eskf)
+        if self._carrier.is_vehicle and self.level_q is not None:
+            roll, pitch, _ = to_euler(self.level_q)
+            is_odd = max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD
+            eskf.q_vb = self.level_q if is_odd else IDENTITY
 
 
 def _contradicts(wrong_rad: float, sigma_rad: float) -> bool:

@@ -82,16 +82,6 @@ START_SIGMA: Final = (
     (slice(AXLE, AXLE + 1), 1.0),  # boot to dashboard
 )
 
-OFF_TIME_GROWTH: Final = (
-    (GYRO_BIAS, math.radians(0.3)),  # another temperature: 0.03 deg/s per kelvin
-    (ACCEL_BIAS, 0.06),  # 6 mg: the same
-    (slice(MOUNT_PITCH, MOUNT_YAW + 1), math.radians(1.5)),  # pushed, loaded
-    (slice(DELAY, YAW_SCALE), 0.05),
-    (slice(YAW_SCALE, AXLE), 0.003),
-    (slice(AXLE, N_ERRORS), 0.3),
-)
-"""How far what was learnt may have moved while the program was off."""
-
 MOUNT_SIGMA_RAD: Final = math.radians(8.0)
 """By hand and eye; larger angles are the coarse stage's."""
 

@@ -7,8 +7,7 @@ predicted from their instant through the steps that wait.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -27,6 +26,18 @@ from imu_tracker.estimation.eskf import Eskf
 from imu_tracker.estimation.estimator import Estimate, r95_of
 from imu_tracker.estimation.fix_update import FixUpdate
 from imu_tracker.estimation.gate import FixOutcome
+from imu_tracker.estimation.memory import (
+    PARKED_YAW_SIGMA_RAD,
+    Learnt,
+    Place,
+    Since,
+    begin_with,
+    begin_with_latency,
+    grown,
+    is_parked,
+    is_remounted,
+    learnt_of,
+)
 from imu_tracker.estimation.noise_bank import START_LEVEL, NoiseBank
 from imu_tracker.estimation.orientation import mount_along_course
 from imu_tracker.estimation.preintegration import ImuStep
@@ -58,8 +69,8 @@ class ErrorState:
     profile : {"auto", "free", "vehicle", "walker"}
     lever_arm_m : Vec3, body axes
         From the chip to the antenna.
-    prior : mapping, optional
-        What an earlier run learnt.
+    prior : Learnt, optional
+        What an earlier run learnt; its latency counts from what the tracker assumes.
     """
 
     in_hindsight = True
@@ -68,12 +79,15 @@ class ErrorState:
         self,
         profile: str,
         lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
-        prior: Mapping[str, Any] | None = None,
+        prior: Learnt | None = None,
     ) -> None:
         self._lever_arm_m = lever_arm_m
         self._notices: list[str] = []
+        self._temp_degc: float | None = None
         self._shift_ns = 0  # fixes describe so much later than the tracker says
-        level = START_LEVEL if prior is None else int(prior["noise_level"])
+        self._prior = prior
+        self._since: tuple[Since, GpsFix | None] | None = None  # to be recalled
+        level = START_LEVEL if prior is None else prior.noise_level
         self._carrier = Carrier(profile)
         self._bank = NoiseBank(level, is_vehicle=self._carrier.is_vehicle)
         self._alignment = Alignment(self._bank, self._carrier, self._notify)
@@ -84,7 +98,9 @@ class ErrorState:
         )
         self._trail = Trail()
         if prior is not None:
-            self._begin_with(prior)
+            if self._carrier.recall(prior.profile):
+                self._change_profile()
+            self._shift_ns = round(prior.latency_s * 1e9)
 
     @property
     def _eskf(self) -> Eskf:
@@ -107,6 +123,9 @@ class ErrorState:
         """Take the oldest step into the filters; rest is believed in hindsight."""
         rests = rest is not None and self._trail.confirms_rest(self._eskf, step)
         self._propagation.take(step, rest if rests else None)
+        self._temp_degc = step.temp_degc
+        if self._since is not None:
+            self._recall()
 
     def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""
@@ -123,6 +142,8 @@ class ErrorState:
         elif abs(ahead_s) > LATEST_S:
             return FixOutcome.TOO_LATE
         outcome = self._fixes.update(fix, ahead_s)
+        if outcome is FixOutcome.REACQUIRED:
+            self._alignment.give_up_memory()
         if outcome is FixOutcome.ACCEPTED:
             self._learn(fix)
         used = outcome in (FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
@@ -213,22 +234,54 @@ class ErrorState:
         notices, self._notices = self._notices, []
         return notices
 
-    def learnt(self) -> dict[str, object]:
-        """What a next start can begin with."""
-        return {
-            **self._eskf.learnt(),
-            "noise_level": self._bank.level,
-            "profile": self._carrier.profile,
-            "shift_s": self._shift_ns * 1e-9,
-        }
+    def learnt(self) -> Learnt | None:
+        """What a next start can begin with; None: nothing, or not yet."""
+        if not self._alignment.is_level or self._since is not None:
+            return None
+        eskf = self._eskf
+        learnt = learnt_of(
+            eskf,
+            profile=self._carrier.profile,
+            noise_level=self._bank.level,
+            shift_s=self._shift_ns * 1e-9,
+        )
+        place = None
+        if self._alignment.is_aligned:
+            lat, lon = self._propagation.frame.to_lat_lon(*eskf.nominal.p_n[:2])
+            place = Place(
+                *(lat, lon, math.hypot(eskf.sigma(0), eskf.sigma(RECEIVER.start))),
+                *(eskf.nominal.q_nb, eskf.sigma(8)),
+                is_at_rest=self._propagation.rest is not None,
+            )
+        return learnt._replace(temp_degc=self._temp_degc, place=place)
 
-    def _begin_with(self, prior: Mapping[str, Any]) -> None:
-        """Take what an earlier run learnt, with doubts that grew meanwhile."""
-        if self._carrier.recall(prior.get("profile")):
-            self._change_profile()
-        self._shift_ns = round(float(prior.get("shift_s", 0.0)) * 1e9)
+    def recall(self, since: Since, fix: GpsFix | None) -> None:
+        """Begin with what an earlier run learnt, as soon as down is known."""
+        if self._prior is not None:
+            self._since = since, fix
+            self._recall()
+
+    def _recall(self) -> None:
+        level_q = self._alignment.level_q
+        if self._prior is None or self._since is None or level_q is None:
+            return
+        (since, fix), self._since = self._since, None
+        temps = self._prior.temp_degc, self._temp_degc
+        if temps[0] is not None and temps[1] is not None:
+            since = since._replace(warmer_k=temps[1] - temps[0])
+        prior = grown(self._prior, since)
+        takes_mounting = self._carrier.is_vehicle and not is_remounted(prior, level_q)
         for eskf in self._bank.filters:
-            eskf.begin_with(prior)
+            begin_with(eskf, prior, takes_mounting=takes_mounting)
+            begin_with_latency(eskf, prior)
+        if self._carrier.is_vehicle and not takes_mounting:
+            self._notify("the box was turned since the last run; mounting learnt anew")
+        elif prior.place is not None and is_parked(prior, since, level_q, fix):
+            yaw_rad = to_euler(prior.place.q_nb)[2]
+            sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
+            self._alignment.recall_yaw(yaw_rad, sigma_rad)
+        self._alignment.is_memory_unproved = True
+        self._notify("began with what the last run learnt")
 
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""

@@ -6,9 +6,8 @@ decided elsewhere.
 """
 
 import math
-from collections.abc import Mapping
 from copy import copy
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -21,7 +20,6 @@ from imu_tracker.estimation.error_model import (
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
-    OFF_TIME_GROWTH,
     SHAKEN_S,
     VELOCITY_DELAY,
     YAW_SCALE,
@@ -151,37 +149,6 @@ class Eskf:
     def accel_std_mps2(self) -> float:
         """Scatter of the force within steps, of the last second."""
         return math.sqrt(self._accel_scatter_var)
-
-    def learnt(self) -> dict[str, object]:
-        """What outlasts a run, with its standard deviations."""
-        return {
-            "gyro_bias_radps": list(self.gyro_bias_radps),
-            "accel_bias_mps2": list(self.accel_bias_mps2),
-            "q_vb": list(self.q_vb),
-            "delay_s": self.delay_s,
-            "velocity_delay_s": self.velocity_delay_s,
-            "yaw_scale": self.yaw_scale,
-            "axle_m": self.axle_m,
-            "sigmas": [self.sigma(i) for i in range(N_ERRORS)],
-        }
-
-    def begin_with(self, prior: Mapping[str, Any]) -> None:
-        """Take over what an earlier run learnt; doubts have grown."""
-        x, y, z = prior["gyro_bias_radps"]
-        self.gyro_bias_radps = (x, y, z)
-        x, y, z = prior["accel_bias_mps2"]
-        self.accel_bias_mps2 = (x, y, z)
-        if self._is_vehicle:
-            w, x, y, z = prior["q_vb"]
-            self.q_vb = normalise((w, x, y, z))
-        self.delay_s = float(prior["delay_s"])
-        self.velocity_delay_s = float(prior["velocity_delay_s"])
-        self.yaw_scale, self.axle_m = float(prior["yaw_scale"]), float(prior["axle_m"])
-        P = self._kf.P.copy()
-        for where, growth in OFF_TIME_GROWTH:
-            for i in range(where.start, where.stop):
-                P[i, i] = min(P[i, i], prior["sigmas"][i] ** 2 + growth**2)
-        self._kf.P = P
 
     # ------------------------------------------------------------------ strapdown
 

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Protocol
 from imu_tracker.estimation.estimator import Estimate, Estimator
 from imu_tracker.estimation.gate import FixOutcome
 from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.estimation.memory import Learnt, Since
 from imu_tracker.estimation.preintegration import ImuStep
 from imu_tracker.estimation.standstill import Rest
 from imu_tracker.samples import GpsFix, Vec3
@@ -64,8 +65,14 @@ class Navigator(Protocol):
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""
 
-    def learnt(self) -> dict[str, object]:
-        """What a next start can begin with."""
+    def recall(self, since: Since, fix: GpsFix | None) -> None:
+        """Begin with what an earlier run learnt, `since` which that happened.
+
+        The first fix, if there is one, is about to be taken.
+        """
+
+    def learnt(self) -> Learnt | None:
+        """What a next start can begin with; None: nothing, or not yet."""
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
@@ -150,9 +157,12 @@ class Rewinding:
         """What was learnt, for people."""
         return self._estimator.report()
 
-    def learnt(self) -> dict[str, object]:
+    def recall(self, since: Since, fix: GpsFix | None) -> None:
+        """Nothing was remembered."""
+
+    def learnt(self) -> Learnt | None:
         """Nothing that a next start can begin with."""
-        return {}
+        return None
 
     def take_notices(self) -> list[str]:
         """Nothing to say."""

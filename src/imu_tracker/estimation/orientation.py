@@ -10,7 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_model import MOUNT_YAW, N_ERRORS
+from imu_tracker.estimation.error_model import (
+    GYRO_BIAS,
+    MOUNT_YAW,
+    N_ERRORS,
+    start_covariance,
+)
 from imu_tracker.estimation.eskf import Eskf
 from imu_tracker.estimation.rotation import (
     conjugate,
@@ -83,6 +88,15 @@ def mount_along_course(eskf: Eskf) -> None:
     vn, ve, _ = eskf.nominal.v_n
     q_vn = from_euler(0.0, 0.0, -math.atan2(ve, vn))
     eskf.q_vb = multiply(q_vn, eskf.nominal.q_nb)
+
+
+def forget_gyro_bias(eskf: Eskf) -> None:
+    """Keep the gyro's bias, but doubt it as at the first start."""
+    fresh = start_covariance(is_vehicle=False)
+    P = eskf.P.copy()
+    P[GYRO_BIAS, :] = P[:, GYRO_BIAS] = 0.0
+    P[GYRO_BIAS, GYRO_BIAS] = fresh[GYRO_BIAS, GYRO_BIAS]
+    eskf.P = P
 
 
 def off_course(eskf: Eskf, course_rad: float) -> float:

@@ -9,7 +9,7 @@ the speed speaks against it.
 
 import math
 from collections import deque
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from imu_tracker.estimation.preintegration import ImuStep
 from imu_tracker.samples import Vec3
@@ -56,6 +56,10 @@ AGREED_FACTOR: Final = 4.0
 """While a receiver says, fix after fix, that the body stands, more shaking is allowed:
 an idling diesel, a fan, wind. Rate and force must agree all the same. Its word comes
 late: only who tells rest in hindsight may use it."""
+
+
+Levels: TypeAlias = tuple[tuple[bool, float, float], ...]
+"""Vibration of gyro (rad/s) and accelerometer (m/s^2), moving (True) and at rest."""
 
 
 class Rest(NamedTuple):
@@ -113,6 +117,26 @@ class StandstillDetector:
             old[0] + LEARNING_SHARE * (now[0] - old[0]),
             old[1] + LEARNING_SHARE * (now[1] - old[1]),
         )
+        self._set_thresholds()
+
+    @property
+    def levels(self) -> Levels:
+        """What was learnt of this vehicle's vibration."""
+        return tuple(
+            (is_moving, math.exp(gyro), math.exp(accel))
+            for is_moving, (gyro, accel) in self._log_levels.items()
+        )
+
+    def recall(self, levels: Levels) -> None:
+        """Begin with what an earlier run learnt; twenty fixes overrule it."""
+        self._log_levels = {
+            is_moving: (math.log(gyro), math.log(accel))
+            for is_moving, gyro, accel in levels
+        }
+        self._set_thresholds()
+
+    def _set_thresholds(self) -> None:
+        """Put them between rest and motion, once both are known."""
         if len(self._log_levels) == 2:
             means = [
                 math.exp(0.5 * (a + b))

@@ -8,18 +8,20 @@ steps since. Rows lie on the grid of UTC and never use what arrived after them.
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable
+from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state import ErrorState
 from imu_tracker.estimation.estimator import R95_PER_SIGMA
 from imu_tracker.estimation.gate import FixOutcome
+from imu_tracker.estimation.memory import Learnt, Since
 from imu_tracker.estimation.navigator import (
     COAST_NS,
     USED_OUTCOMES,
     Navigator,
     Rewinding,
 )
+from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
 from imu_tracker.estimation.six_state import SixState
 from imu_tracker.estimation.standstill import Rest, StandstillDetector
@@ -72,15 +74,26 @@ class TrackerSettings(NamedTuple):
     gps_date: str = ""
     start: tuple[float, float] | None = None  # latitude, longitude in radians
     start_radius_m: float = 50.0
-    prior: Mapping[str, Any] | None = None  # what an earlier run learnt
+    prior: Learnt | None = None  # what an earlier run learnt
 
 
-def navigator_of(settings: TrackerSettings) -> Navigator:
+def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
     """Make the estimator that the configuration chooses."""
     if settings.estimator == "error-state":
-        return ErrorState(settings.profile, settings.lever_arm_m, settings.prior)
+        prior = settings.prior
+        if prior is not None:
+            prior = _later(prior, -latency_s)
+        return ErrorState(settings.profile, settings.lever_arm_m, prior)
     profile = "free" if settings.profile == "auto" else settings.profile
     return Rewinding(SixState(profile, settings.lever_arm_m))
+
+
+def _later(learnt: Learnt, by_s: float) -> Learnt:
+    """Count the latencies from another instant."""
+    return learnt._replace(
+        latency_s=learnt.latency_s + by_s,
+        velocity_latency_s=learnt.velocity_latency_s + by_s,
+    )
 
 
 class Tracker:
@@ -93,13 +106,16 @@ class Tracker:
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        self._navigator = navigator_of(settings)
         self._fixes: Counter[str] = Counter()
         self._preintegrator = Preintegrator()
-        self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
+        self._turning = Turning()
         latency_s = settings.latency_s
         if latency_s is None:
             latency_s = TYPICAL_LATENCY_S
+        self._navigator = navigator_of(settings, latency_s)
+        self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
+        if settings.prior is not None:
+            self._standstill.recall(settings.prior.still_levels)
         self._latency_ns = round(latency_s * 1e9)
         self._utc = UtcClock(self._latency_ns)
         self._period_ns = 1_000_000_000 // settings.rate_hz
@@ -149,6 +165,7 @@ class Tracker:
         """Learn UTC from a receiver that does not know the place yet."""
         self._utc.observe(time.t_ns, time.utc_s)
         if self._settings.start is not None and not self._is_started:
+            self._recall(time.utc_s, None)
             lat_rad, lon_rad = self._settings.start
             self._navigator.start(
                 lat_rad, lon_rad, self._settings.start_radius_m / R95_PER_SIGMA
@@ -193,9 +210,20 @@ class Tracker:
         # each begins anew.
         is_first = self._row_utc_ns is None or self._is_guess
         if is_first:
+            if not self._is_started:
+                self._recall(fix.utc_s, fix)
             self._begin(instant_ns)
         start_sigma_m = START_FACTOR * fix.sigma_h_m if is_first else 0.0
         return self._navigator.take(fix, instant_ns, start_sigma_m)
+
+    def _recall(self, utc_s: float | None, fix: GpsFix | None) -> None:
+        """Begin with what an earlier run learnt, now that the time is known."""
+        prior = self._settings.prior
+        if prior is not None:
+            elapsed_s = None
+            if utc_s is not None and prior.utc_s is not None:
+                elapsed_s = utc_s - prior.utc_s
+            self._navigator.recall(Since(elapsed_s, warmer_k=None), fix)
 
     def _begin(self, t_ns: int) -> None:
         """Rows can be made from now on, with an IMU or without."""
@@ -219,6 +247,7 @@ class Tracker:
         rest = self._standstill.add(step, bias, bias_sigma, *navigator.speed())
         navigator.step(step, rest)
         self._preintegrator.gyro_bias_radps = bias
+        self._turning.add(step, bias)
         self._step_ns = step.t_ns
         self._last_step, self._last_rest = step, rest
         return self._due_rows()
@@ -272,6 +301,23 @@ class Tracker:
             return Mode.STILL
         return Mode.GPS if has_gps else Mode.DR
 
+    def predict(self, after_s: Iterable[float]) -> list[Prediction]:
+        """Say where it will be, counted from the newest sample; [] before the start."""
+        if not self._is_started or self._step_ns is None:
+            return []
+        navigator = self._navigator
+        believed = navigator.estimate_after((self._now_ns - self._step_ns) * 1e-9)
+        turn_radps = 0.0
+        if self._last_rest is None:
+            turn_radps = self._turning.about_down_radps(believed)
+        return predict(
+            believed,
+            navigator.speed()[1],
+            turn_radps,
+            self._settings.profile,
+            after_s,
+        )
+
     # ------------------------------------------------------------------- for people
 
     @property
@@ -285,9 +331,15 @@ class Tracker:
         notices, self._notices = self._notices, []
         return notices + self._navigator.take_notices()
 
-    def learnt(self) -> dict[str, object]:
-        """What a next start can begin with."""
-        return self._navigator.learnt()
+    def learnt(self) -> Learnt | None:
+        """What a next start can begin with; None: nothing, or not yet."""
+        learnt = self._navigator.learnt()
+        if learnt is None or not self._is_started:
+            return None
+        return _later(learnt, self._latency_ns * 1e-9)._replace(
+            utc_s=None if self._row_utc_ns is None else self._row_utc_ns * 1e-9,
+            still_levels=self._standstill.levels,
+        )
 
     def report(self) -> dict[str, object]:
         """What was learnt."""

@@ -29,6 +29,8 @@ MAX_WAITING_BYTES = 4_000_000
 
 _PACK_EVERY_NS = 100_000_000  # 64 kB each: a third of the slowest Pi for half a minute
 
+FOREIGN = "imu-tracker did not write this file; move it away or choose another path"
+
 log = logging.getLogger(__name__)
 
 
@@ -43,11 +45,13 @@ class Limits(NamedTuple):
 class Layout(NamedTuple):
     """What the file must know of its content.
 
-    `whole_size` tells the size to cut an open file to, None when it is somebody
-    else's; `first_utc` the time of a file's first record, for its rotated name.
+    `whole_size` tells the size to cut an open file to, None when it is of another
+    format; `is_kin` whether it is one of ours nevertheless, of another version or
+    damaged; `first_utc` the time of a file's first record, for its rotated name.
     """
 
     whole_size: Callable[[BinaryIO], int | None]
+    is_kin: Callable[[BinaryIO], bool]
     first_utc: Callable[[Path], str | None]
 
 
@@ -68,8 +72,8 @@ class AppendFile:
     Raises
     ------
     OutputError
-        When the file cannot be opened, or another process is writing it. Nothing is
-        raised later: `counters` and the journal tell.
+        When the file cannot be opened, is somebody else's, or another process is
+        writing it. Nothing is raised later: `counters` and the journal tell.
 
     Notes
     -----
@@ -202,6 +206,8 @@ class AppendFile:
                 os.ftruncate(fd, min(self._size, found.st_size))
             with os.fdopen(fd, "rb", closefd=False) as file:
                 size = self._layout.whole_size(file)
+                if size is None and not self._layout.is_kin(file):
+                    raise OutputError(f"{self.path}: {FOREIGN}")
             if size is not None:
                 self._cut(fd, size)
                 self._inode, self._size = inode, size
@@ -276,6 +282,12 @@ class AppendFile:
             with contextlib.suppress(OSError):
                 os.fsync(fd)
             os.close(fd)
+
+
+def is_foreign(path: Path, layout: Layout) -> bool:
+    """Whether a file is there that would be refused as somebody else's."""
+    with path.open("rb") as file:
+        return layout.whole_size(file) is None and not layout.is_kin(file)
 
 
 def make_directories(directory: Path) -> None:

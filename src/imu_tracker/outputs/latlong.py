@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.errors import InputMissingError, LogError
-from imu_tracker.lines import end_of_lines, read_lines
+from imu_tracker.lines import end_of_lines, is_kin, read_lines
 from imu_tracker.outputs.appendfile import AppendFile, Layout, Limits
 from imu_tracker.samples import NavState
 
@@ -30,12 +30,16 @@ HEADER: Final = "time_utc,lat_deg,lon_deg,alt_m,speed_mps,course_deg,r95_m,mode"
 MIN_COURSE_SPEED_MPS: Final = 0.3
 """Below it the course is noise, and left empty."""
 
+MAX_GAP_S: Final = 2.5
+"""Rows further apart are not joined: the tracker was off between them."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _HEADER_LINE = HEADER.encode()
 _ROW = re.compile(
-    rb"(\d{4}-[01]\d-[0-3]\dT[0-2]\d:[0-5]\d:[0-6]\d(?:\.\d{1,6})?)Z"
-    rb",(-?\d{1,2}(?:\.\d+)?),(-?\d{1,3}(?:\.\d+)?),(-?\d+(?:\.\d+)?)?"
-    rb",(\d+(?:\.\d+)?),(\d{1,3}(?:\.\d+)?)?,(\d+(?:\.\d+)?),(gpsonly|still|gps|dr)"
+    rb"((?:19[89]|[23]\d\d)\d-[01]\d-[0-3]\dT[0-2]\d:[0-5]\d:[0-6]\d(?:\.\d{1,6})?)Z"
+    rb",(-?\d{1,2}(?:\.\d+)?),(-?\d{1,3}(?:\.\d+)?),(-?\d{1,9}(?:\.\d+)?)?"
+    rb",(\d{1,9}(?:\.\d+)?),(\d{1,3}(?:\.\d+)?)?,(\d{1,9}(?:\.\d+)?)"
+    rb",(gpsonly|still|gps|dr)"
 )
 
 log = logging.getLogger(__name__)
@@ -62,6 +66,12 @@ def _utc_ms(utc_s: float) -> int:
     return round(utc_s * 1000.0)
 
 
+def format_utc(utc_s: float) -> str:
+    """Return a time as the log has it, to the millisecond."""
+    minute, ms = divmod(_utc_ms(utc_s), 60_000)
+    return f"{_minute_text(minute)}{ms // 1000:02d}.{ms % 1000:03d}Z"
+
+
 def format_row(state: NavState) -> str:
     """Format one row of the log, without newline.
 
@@ -70,7 +80,6 @@ def format_row(state: NavState) -> str:
     Rows lie on a grid whose instants are whole milliseconds. The speed that is printed
     decides whether there is a course, so that a row never contradicts itself.
     """
-    minute, ms = divmod(_utc_ms(state.utc_s), 60_000)
     lat_deg = degrees(state.lat_rad)
     lon_deg = degrees(state.lon_rad)
     if not -179.999999 < lon_deg < 179.999999:
@@ -83,7 +92,7 @@ def format_row(state: NavState) -> str:
         course = f"{round(degrees(atan2(v_east, v_north)) % 360.0, 1) % 360.0:.1f}"
     r95_m = ceil(state.r95_m * 100.0 - 1e-7) / 100.0  # 3.94 is not 3.95
     return (
-        f"{_minute_text(minute)}{ms // 1000:02d}.{ms % 1000:03d}Z,"
+        f"{format_utc(state.utc_s)},"
         f"{lat_deg:z.8f},{lon_deg:z.8f},{alt},{speed_mps:.2f},{course},"
         f"{r95_m:.2f},{state.mode}"
     )
@@ -95,7 +104,7 @@ class LatLongLog:
     Parameters
     ----------
     path : Path
-        Its file; a torn tail is cut off, one with another header is moved away.
+        Its file; a torn tail is cut off, one with an older header is moved away.
     sync_s : float
         So much is lost at most in a power cut.
     max_mb : float
@@ -106,7 +115,8 @@ class LatLongLog:
     Raises
     ------
     OutputError
-        When the file cannot be opened, or another daemon is writing it.
+        When the file cannot be opened, is no log of ours, or another daemon is
+        writing it.
     """
 
     def __init__(
@@ -118,7 +128,7 @@ class LatLongLog:
         min_free_mb: float = 500.0,
     ) -> None:
         self._file = AppendFile(
-            path, _LAYOUT, Limits(sync_s, max_mb, min_free_mb), _HEADER_LINE + b"\n"
+            path, LAYOUT, Limits(sync_s, max_mb, min_free_mb), _HEADER_LINE + b"\n"
         )
         self.counters: Counter[str] = self._file.counters
         self._last_ms = self._last_logged_ms()
@@ -190,9 +200,24 @@ def _first_utc(path: Path) -> str | None:
     return b"".join(time.groups()).decode() + "Z" if time else None
 
 
-_LAYOUT = Layout(
-    partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole), _first_utc
+LAYOUT: Final = Layout(
+    partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole),
+    partial(is_kin, first_words=b"time_utc,", is_whole=_is_whole),
+    _first_utc,
 )
+
+
+class LogRow(NamedTuple):
+    """One row of a lat/long log; what is empty in the file is NaN."""
+
+    utc_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    speed_mps: float
+    course_deg: float
+    r95_m: float
+    mode: str
 
 
 class LoggedTrack(NamedTuple):
@@ -218,13 +243,14 @@ def read_log(path: Path) -> LoggedTrack:
     InputMissingError
         When there is no such file.
     """
-    rows = list(_rows(path))
+    rows = list(read_rows(path))
     columns = list(zip(*rows, strict=True)) or [()] * 8
     numbers = [np.array(column, dtype=np.float64) for column in columns[:7]]
     return LoggedTrack._make([*numbers, np.array(columns[7], dtype=np.str_)])
 
 
-def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
+def read_rows(path: Path) -> Iterator[LogRow]:
+    """Read a lat/long log row by row, in little memory; see `read_log`."""
     done = 0
     for lines in read_lines(path, LogError):
         for number, line in enumerate(lines, done + 1):
@@ -244,12 +270,23 @@ def _rows(path: Path) -> Iterator[tuple[float | str, ...]]:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
 
 
-def _parsed(line: bytes) -> tuple[float | str, ...]:
+def _parsed(line: bytes) -> LogRow:
     match = _ROW.fullmatch(line)
     if match is None:
         raise ValueError
     time, *texts, mode = match.groups()
-    numbers = [float(text) if text else math.nan for text in texts]
-    if abs(numbers[0]) > 90.0 or abs(numbers[1]) > 180.0:
+    lat_deg, lon_deg, alt_m, speed_mps, course_deg, r95_m = (
+        float(text) if text else math.nan for text in texts
+    )
+    if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0:
         raise ValueError
-    return _utc_s(time), *numbers, mode.decode()
+    return LogRow(
+        _utc_s(time),
+        lat_deg,
+        lon_deg,
+        alt_m,
+        speed_mps,
+        course_deg,
+        r95_m,
+        mode.decode(),
+    )

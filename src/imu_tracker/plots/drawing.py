@@ -10,17 +10,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imu_tracker.errors import OutputError
+from imu_tracker.palette import BLACK as BLACK
+from imu_tracker.palette import BLUE as BLUE
+from imu_tracker.palette import GREEN as GREEN
+from imu_tracker.palette import ORANGE as ORANGE
+from imu_tracker.palette import PURPLE as PURPLE
+from imu_tracker.palette import SKY as SKY
+from imu_tracker.palette import VERMILION as VERMILION
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-BLACK: Final = "#1A1A1A"
-ORANGE: Final = "#E69F00"
-SKY: Final = "#56B4E9"
-GREEN: Final = "#009E73"
-BLUE: Final = "#0072B2"
-VERMILION: Final = "#D55E00"
-PURPLE: Final = "#CC79A7"
 
 MAX_POINTS: Final = 4000
 """Of a line: a few times the pixels of the picture's width."""

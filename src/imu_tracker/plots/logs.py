@@ -1,35 +1,18 @@
 """Lat/long logs as the pictures want them: columns, colours, a line of summary."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imu_tracker.plots.drawing import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    Array,
-)
-from imu_tracker.samples import Mode
+from imu_tracker.outputs.latlong import MAX_GAP_S as MAX_GAP_S
+from imu_tracker.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from imu_tracker.palette import MODES as MODES
+from imu_tracker.plots.drawing import Array
 from imu_tracker.scoring import Track
-
-MODES: Final[Mapping[Mode, tuple[str, str]]] = {
-    Mode.GPS: (BLUE, "with GPS"),
-    Mode.DR: (VERMILION, "dead reckoning"),
-    Mode.STILL: (GREEN, "standing still"),
-    Mode.GPSONLY: (PURPLE, "GPS alone"),
-}
-"""Colour and name."""
-
-MAX_GAP_S: Final = 2.5
-"""Rows further apart are not joined."""
 
 _COMPARED: Final = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 

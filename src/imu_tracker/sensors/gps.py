@@ -82,6 +82,7 @@ class GpsReader(SensorThread):
         self._is_auto = baud == "auto"
         self._baud = BAUDS[0] if baud == "auto" else baud
         self._search: BaudSearch | None = None  # while the port is open
+        self._known_baud: int | None = None  # sentences came at it
         self._backoff = Backoff(RETRY_FIRST_NS, RETRY_LAST_NS)
         self._is_lost: bool | None = None  # as told by the last event
         self._detail = ""
@@ -137,8 +138,11 @@ class GpsReader(SensorThread):
         port.discard()
         self._heard_ns = self._clock.now_ns()
         is_fixed = not (self._is_auto and port.has_speed)
+        if self._known_baud is not None:
+            self._baud = self._known_baud
+            port.set_baud(self._baud)
         self._search = search = BaudSearch(
-            self._baud, self._heard_ns, is_fixed=is_fixed
+            *(self._baud, self._heard_ns), is_fixed=is_fixed, known=self._known_baud
         )
         lines = self._begin(port)
         while not self._stop.is_set():
@@ -148,14 +152,20 @@ class GpsReader(SensorThread):
                 sentences = self._deliver(chunk, lines.feed(chunk, self.turned_ns))
                 was_found = search.is_found
                 if search.hear(self.turned_ns, sentences):
-                    self._baud = search.baud
-                    port.set_baud(search.baud)
-                    port.discard()
-                    lines = self._begin(port)
+                    lines = self._change_baud(port, search.baud)
                 elif search.is_found and not was_found:
+                    self._known_baud = search.known
                     self._tell("baud", str(search.baud))
+            elif search.pause(self.turned_ns):
+                lines = self._change_baud(port, search.baud)
             elif self.turned_ns - self._heard_ns > DEAD_NS:
                 raise TimeoutError(f"silent for {DEAD_NS // SECOND_NS} s")
+
+    def _change_baud(self, port: GpsPort, baud: int) -> TimedLines:
+        self._baud = baud
+        port.set_baud(baud)
+        port.discard()
+        return self._begin(port)
 
     def _begin(self, port: GpsPort) -> TimedLines:
         byte_ns = 10 * SECOND_NS // self._baud if port.has_speed else 0

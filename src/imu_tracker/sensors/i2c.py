@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
+from imu_tracker import mending
 from imu_tracker.errors import DeviceNotFoundError
 
 if TYPE_CHECKING:
@@ -103,12 +104,9 @@ def _why_closed(number: int, error: OSError) -> str:
     if isinstance(error, FileNotFoundError):
         others = ", ".join(sorted(map(str, Path("/dev").glob("i2c-*")))) or "no bus"
         return (
-            f"{path} does not exist (there is {others}): enable I2C with raspi-config "
-            "or dtparam=i2c_arm=on, or set imu.bus"
+            f"{path} does not exist (there is {others}): "
+            f"{mending.switch_i2c_on(number)}; or set imu.bus"
         )
     if isinstance(error, PermissionError):
-        return (
-            f"no permission for {path}: put this user into the group i2c "
-            "(sudo usermod -aG i2c USER) and log in again"
-        )
+        return f"no permission for {path}: {mending.join_group(Path(path), 'i2c')}"
     return f"{path} cannot be opened: {error.strerror or error}"

@@ -27,7 +27,10 @@ from imu_tracker.sensors.mpu6050 import Mpu6050
 from imu_tracker.sensors.sensor_thread import SensorThread
 from imu_tracker.sensors.setup import ImuSettings
 
-SCRUB_NS: Final = SECOND_NS  # how often the configuration is read back
+SCRUB_NS: Final = 500 * MILLISECOND_NS
+"""How often the configuration is read back: with the 0.35 s that it takes to set the
+chip up again, a brown-out costs less than a second."""
+
 HEALTHY_NS: Final = 2 * SECOND_NS  # without a doubt for so long: all is forgotten
 FIRST_RETRY_NS: Final = 100 * MILLISECOND_NS
 LAST_RETRY_NS: Final = 500 * MILLISECOND_NS
@@ -53,7 +56,8 @@ class ImuReader(SensorThread):
     put : callable
         Takes each frame, in the thread of the reader; must not block. Samples have
         the source IMU. Events say `imu_ready <chip, address, rate>` when samples
-        begin to come, `imu_lost <reason>` when they end, and nothing else; and
+        begin to come, `imu_lost <reason>` when they end, `imu_reset <reason>` when
+        the chip had to be set up again and that helped; and nothing else but
         `imu_failed <error>` as the last word of a bug, see `error`.
     clock : Clock
     address, settings, allow_unknown
@@ -90,6 +94,7 @@ class ImuReader(SensorThread):
         self._counts = Counter(dict.fromkeys(COUNTERS, 0))
         self._backoff = Backoff(FIRST_RETRY_NS, LAST_RETRY_NS)
         self._is_lost_known = False
+        self._reset_reason = ""  # until samples come again
         self.is_ready, self.chip_name = False, ""
         self.rate_hz = self._settings.rate_hz
 
@@ -126,6 +131,7 @@ class ImuReader(SensorThread):
                 if self._stop.is_set() or lasted_ns < HEALTHY_NS:
                     return reason
                 self._counts["reinitialisations"] += 1
+                self._reset_reason = reason
 
     def _initialise(self, imu: Mpu6050) -> ImuSource:
         self.chip_name = imu.probe().name
@@ -179,6 +185,9 @@ class ImuReader(SensorThread):
             where = f"at address 0x{self._address:02X}"
             rate = f"{self._settings.rate_hz:g} Hz"
             self._tell("ready", f"{self.chip_name} {where}, {rate}")
+        elif self._reset_reason:
+            self._tell("reset", self._reset_reason)
+        self._reset_reason = ""
         for frame in frames:
             self._put(frame)
         self._counts["samples"] += len(frames)

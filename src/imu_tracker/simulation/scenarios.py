@@ -9,10 +9,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from imu_tracker.simulation import figures
 from imu_tracker.simulation.driver import Driver
 from imu_tracker.simulation.motion import Gait, Hills, Ride, Suspension, Trajectory
 from imu_tracker.simulation.paths import Leg, Path, change_speed, cruise, stand, turn
 from imu_tracker.simulation.positions import Place
+from imu_tracker.simulation.receiver import TYPICAL_RECEIVER, ReceiverErrors
+from imu_tracker.simulation.sensor_errors import TABLET, TYPICAL_CHIP, SensorErrors
 
 DELFT: Final = Place(math.radians(52.0), math.radians(4.37), 5.0)
 
@@ -40,6 +43,15 @@ class Scenario(NamedTuple):
     trajectory: Callable[[np.random.Generator], Trajectory]
     has_engine: bool = False
     start: Place = DELFT
+    rate_hz: float = 100.0  # of the samples, unless somebody wishes another
+    errors: SensorErrors = TYPICAL_CHIP
+    receiver: ReceiverErrors = TYPICAL_RECEIVER
+
+
+THESIS_RECEIVER: Final = TYPICAL_RECEIVER._replace(
+    slow_sigma_m=0.0, white_sigma_m=1.0, sends_gst=True
+)
+"""As the thesis takes its receiver to be, R = I: one metre, anew with each fix."""
 
 
 def line_walk(length_m: float = 500.0) -> tuple[Leg, ...]:
@@ -89,6 +101,21 @@ def _duration_s(legs: tuple[Leg, ...]) -> float:
     return float(math.ceil(sum(leg.duration_s for leg in legs)))
 
 
+def _figure(
+    description: str, trajectory: Callable[[], figures.Figure], moving_s: float
+) -> Scenario:
+    """Make one of the thesis's simulations, with its sensors."""
+    return Scenario(
+        description,
+        "free",
+        math.ceil(START_STILL_S + moving_s + END_STILL_S),
+        lambda _: trajectory(),
+        rate_hz=figures.RATE_HZ,
+        errors=TABLET,
+        receiver=THESIS_RECEIVER,
+    )
+
+
 def _drive(rng: np.random.Generator) -> Trajectory:
     hills = Hills(
         slope_rad=(0.035, 0.02),
@@ -132,5 +159,20 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         900.0,
         _drive,
         has_engine=True,
+    ),
+    "square": _figure(
+        "slide round a square of 1 m, stopping in its corners",
+        lambda: figures.side_by_side(START_STILL_S),
+        figures.ROUND_S,
+    ),
+    "circle": _figure(
+        "slide round a circle of 1 m radius",
+        lambda: figures.going_round(figures.circle, START_STILL_S),
+        figures.ROUND_S + 2.0 * figures.RUN_UP_S,
+    ),
+    "lissajous": _figure(
+        "slide along the Lissajous figure (cos 3t, sin 2t)",
+        lambda: figures.going_round(figures.lissajous, START_STILL_S),
+        figures.ROUND_S + 2.0 * figures.RUN_UP_S,
     ),
 }

@@ -18,7 +18,7 @@ import numpy as np
 from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2
 from imu_tracker.estimation.rotation import from_euler, matrix
 from imu_tracker.samples import Quat, Vec3
-from imu_tracker.simulation.noise import GaussMarkov, Rumble
+from imu_tracker.simulation.noise import Flicker, GaussMarkov, Rumble
 from imu_tracker.simulation.paths import FloatArray
 
 _MG: Final = 1e-3 * STANDARD_GRAVITY_MPS2
@@ -45,11 +45,13 @@ class SensorErrors(NamedTuple):
     gyro_per_degc_sigma_radps: float = 0.0
     warm_up_degc: float = 0.0
     warm_up_tau_s: float = 600.0
-    accel_noise_mps2_rthz: float = 0.0
+    accel_noise_mps2_rthz: Vec3 | float = 0.0
     gyro_noise_radps_rthz: float = 0.0
     accel_drift_sigma_mps2: float = 0.0
     gyro_drift_sigma_radps: float = 0.0
     drift_tau_s: float = 300.0
+    accel_flicker_mps2: float = 0.0  # bias instability, IEEE Std 952
+    gyro_flicker_radps: float = 0.0
     mounting_sigma_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
     idle_accel_sigma_mps2: float = 0.0
     idle_gyro_sigma_radps: float = 0.0
@@ -86,6 +88,23 @@ TYPICAL_CHIP: Final = SensorErrors(
     jitter_sigma_s=2e-4,
 )
 """Not calibrated, glued into its box by hand."""
+
+_TABLET_RATE_HZ: Final = 1000.0 / (2.0 * math.pi)
+
+TABLET: Final = SensorErrors(
+    accel_bias_sigma_mps2=(0.0094, 0.1601, 0.0381),
+    # White noise of a sample with these variances, (m/s^2)^2.
+    accel_noise_mps2_rthz=(
+        math.sqrt(2.4572e-05 * 2.0 / _TABLET_RATE_HZ),
+        math.sqrt(3.1813e-05 * 2.0 / _TABLET_RATE_HZ),
+        math.sqrt(1.6963e-04 * 2.0 / _TABLET_RATE_HZ),
+    ),
+    gyro_noise_radps_rthz=0.005 * _DPS,
+)
+"""The tablet of the thesis whose simulations are among the scenarios: mean (0.0094,
+0.1601, 9.7719) and variance of its accelerometer during two minutes at rest, sampled
+as its simulations are. It tells its orientation and no rate; the gyro is an MPU-6050's
+(PS-MPU-6000A section 6.1) without a bias."""
 
 AMBIENT_DEGC: Final = 21.0
 
@@ -171,6 +190,8 @@ class ChipErrors:
         self._rng, drift_rng, rumble_rng = (rng, *rng.spawn(2))
         drift = _six(errors.accel_drift_sigma_mps2, errors.gyro_drift_sigma_radps)
         self._drift = GaussMarkov(drift_rng, drift, errors.drift_tau_s)
+        flicker = _six(errors.accel_flicker_mps2, errors.gyro_flicker_radps)
+        self._flicker = Flicker(rng.spawn(1)[0], flicker) if flicker.any() else None
         density = _six(errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz)
         self._white_sigma = density * math.sqrt(0.5 * rate_hz)
         self._rumble = Rumble(rumble_rng, 6, rate_hz) if has_engine else None
@@ -194,6 +215,8 @@ class ChipErrors:
         errors, traits = self._errors, self._traits
         warmth = errors.warm_up_degc * (1.0 - np.exp(-t_s / errors.warm_up_tau_s))
         noise = self._drift.at(t_s)
+        if self._flicker:
+            noise += self._flicker.at(t_s)
         noise += self._white_sigma * self._rng.standard_normal((len(t_s), 6))
         if self._rumble:
             pace = speed_mps[:, None] / ROAD_SPEED_MPS

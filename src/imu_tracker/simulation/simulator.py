@@ -27,17 +27,9 @@ from imu_tracker.samples import (
 )
 from imu_tracker.simulation.imu import Imu
 from imu_tracker.simulation.positions import TICKS_PER_S, Whereabouts, whereabouts
-from imu_tracker.simulation.receiver import (
-    TYPICAL_RECEIVER,
-    Receiver,
-    ReceiverErrors,
-)
-from imu_tracker.simulation.scenarios import SCENARIOS
-from imu_tracker.simulation.sensor_errors import (
-    TYPICAL_CHIP,
-    ChipTraits,
-    SensorErrors,
-)
+from imu_tracker.simulation.receiver import Receiver, ReceiverErrors
+from imu_tracker.simulation.scenarios import SCENARIOS, Scenario
+from imu_tracker.simulation.sensor_errors import ChipTraits, SensorErrors
 
 START_UTC_S: Final = 1795348800.0
 """2026-11-22T12:00:00Z: every simulation begins at noon of this day."""
@@ -76,46 +68,52 @@ class _Stream(IntEnum):
 
 
 def simulate(
-    scenario: str,
+    scenario: str | Scenario,
     *,
     seed: int = 0,
     duration_s: float | None = None,
-    rate_hz: float = 100.0,
+    rate_hz: float | None = None,
     accel_range_g: int = 4,
     gyro_range_dps: int = 500,
     mount: Mount = DEFAULT_MOUNT,
     gps_every_s: float = 1.0,
-    errors: SensorErrors = TYPICAL_CHIP,
-    receiver: ReceiverErrors = TYPICAL_RECEIVER,
+    errors: SensorErrors | None = None,
+    receiver: ReceiverErrors | None = None,
     truth_hz: int = 4,
+    chip: ChipTraits | None = None,
 ) -> Simulated:
     """Simulate what the wires would deliver, and what was true.
 
     Parameters
     ----------
-    scenario : str
-        One of `SCENARIOS`.
+    scenario : str or Scenario
+        One of `SCENARIOS`, or one of your own.
     seed : int, not negative
         Decides everything that is random.
     duration_s : float, optional
         The scenario's own when left out; infinity never ends. Beyond its own a drive
         goes on, and the others stand still.
-    rate_hz : float
-        Nominal rate of the IMU; its clock is off by up to 1 %.
+    rate_hz : float, optional
+        Nominal rate of the IMU; its clock is off by up to 1 %. The scenario's own
+        when left out.
     accel_range_g, gyro_range_dps, mount
         As for `CountsModel`.
     gps_every_s : float
         Time between the receiver's epochs, a multiple of 0.05 s.
-    errors, receiver
-        How good the sensors are.
+    errors, receiver : optional
+        How good the sensors are; the scenario's own when left out.
     truth_hz : int
         Rows of truth per second, a divisor of 20.
+    chip : ChipTraits, optional
+        The chip and its mounting, where it is to be the one of another simulation.
     """
-    if scenario not in SCENARIOS:
+    if isinstance(scenario, str) and scenario not in SCENARIOS:
         raise ValueError(f"{scenario!r}: must be one of {', '.join(SCENARIOS)}")
     if truth_hz < 1 or TICKS_PER_S % truth_hz:
         raise ValueError(f"truth at {truth_hz} Hz: must divide {TICKS_PER_S} Hz")
-    plan = SCENARIOS[scenario]
+    plan = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
+    rate_hz = plan.rate_hz if rate_hz is None else rate_hz
+    errors = plan.errors if errors is None else errors
     end_s = plan.duration_s if duration_s is None else duration_s
 
     def rng(stream: _Stream) -> np.random.Generator:
@@ -124,14 +122,17 @@ def simulate(
     def ticks() -> Iterator[Whereabouts]:
         return whereabouts(plan.trajectory(rng(_Stream.TRAJECTORY)), plan.start)
 
-    chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
+    if chip is None:
+        chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
     imu = Imu(errors, chip, rng(_Stream.IMU), rate_hz, has_engine=plan.has_engine)
     bursts = imu.bursts(
         plan.trajectory(rng(_Stream.TRAJECTORY)),
         gravity_mps2(plan.start.lat_rad, plan.start.alt_m),
         CountsModel(accel_range_g, gyro_range_dps, mount),
     )
-    gps = Receiver(receiver, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S)
+    gps = Receiver(
+        receiver or plan.receiver, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S
+    )
     end_ns = START_NS + end_s * 1e9
     return Simulated(
         SessionHeader(
@@ -141,7 +142,7 @@ def simulate(
             mount,
             plan.profile,
             START_UTC_S,
-            name=scenario,
+            name=scenario if isinstance(scenario, str) else plan.description,
         ),
         takewhile(
             lambda frame: frame.t_ns < end_ns,

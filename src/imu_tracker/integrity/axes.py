@@ -1,0 +1,126 @@
+"""Axes of the IMU that do not move any more while the others do, or stay clipped.
+
+A chip with a broken axis answers, its registers hold, no two frames are equal. What a
+newcomer gets wrong: a constant axis is no sign by itself. A quiet chip with a coarse
+range repeats a value for seconds; but then its other axes do so too.
+"""
+
+from collections import Counter
+from struct import Struct
+from typing import Final
+
+from imu_tracker.samples import ImuSample
+
+BLOCK_SAMPLES: Final = 80
+BLOCK_NS: Final = 500_000_000
+"""An axis is judged by so many samples, and by so much time."""
+
+LIVING_SHARE: Final = 0.25
+"""Noise turns round at two samples of three; two axes that do so at a quarter of them
+and a third one that never moves, 80 times: not by chance."""
+
+CLIPPED_NS: Final = 200_000_000
+"""An impact clips for some hundredths of a second, and the estimators can carry that.
+What lasts longer says nothing of the motion: at 4 g it would be 8 m/s by now."""
+
+_RAILS: Final = (-32768, 32767)
+_NAMES: Final = ("accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z")
+_AXES: Final = (0, 2, 4, 8, 10, 12)  # bytes of a burst
+_COUNTS: Final = Struct(">3h2x3h")
+
+
+class StuckAxes:
+    """Watches the bursts of one session.
+
+    Attributes
+    ----------
+    counters : Counter
+        `stuck_samples`, `clipped_samples`: of no use, because an axis stood, or
+        stayed at the end of its range.
+    """
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self._block: list[bytes] = []
+        self._begin_ns = 0
+        self._stuck: tuple[int, ...] = ()
+        self._clipped_ns: int | None = None  # since when
+        self._is_clipped = False
+        self._notices: list[str] = []
+
+    def look(self, t_ns: int, burst: bytes) -> bool:
+        """Take a burst; return whether an axis stands and the burst is of no use."""
+        block = self._block
+        if not block:
+            self._begin_ns = t_ns
+        block.append(burst)
+        if len(block) >= BLOCK_SAMPLES and t_ns - self._begin_ns >= BLOCK_NS:
+            self._judge(block)
+            self._block = []
+        if self._stuck:
+            self.counters["stuck_samples"] += 1
+            return True
+        return False
+
+    def clips(self, sample: ImuSample) -> bool:
+        """Take a decoded burst; return whether clipping has lasted too long."""
+        if not sample.is_saturated:
+            if self._is_clipped:
+                self._is_clipped = False
+                self._notices.append("imu: no axis is clipped any more")
+            self._clipped_ns = None
+            return False
+        if self._clipped_ns is None:
+            self._clipped_ns = sample.t_ns
+        if sample.t_ns - self._clipped_ns < CLIPPED_NS:
+            return False
+        if not self._is_clipped:
+            self._is_clipped = True
+            self._notices.append(
+                "imu: an axis stays at the end of its range; the IMU is not used"
+            )
+        self.counters["clipped_samples"] += 1
+        return True
+
+    def take_notices(self) -> list[str]:
+        """Transitions since the last call."""
+        notices, self._notices = self._notices, []
+        return notices
+
+    def _judge(self, block: list[bytes]) -> None:
+        glances = block[:: BLOCK_SAMPLES // 4]
+        standing = [
+            axis
+            for axis, at in enumerate(_AXES)
+            if len({burst[at : at + 2] for burst in glances}) == 1
+        ]
+        stuck = self._confirmed(block, standing) if standing else ()
+        if stuck != self._stuck:
+            names = ", ".join(_NAMES[axis] for axis in stuck)
+            self._notices.append(
+                f"imu: stuck: {names}; the IMU is not used"
+                if stuck
+                else "imu: all axes move again"
+            )
+            self._stuck = stuck
+
+    def _confirmed(self, block: list[bytes], standing: list[int]) -> tuple[int, ...]:
+        columns = list(zip(*map(_COUNTS.unpack, block), strict=True))
+        stuck = []
+        for axis in standing:
+            column = columns[axis]
+            if column[0] in _RAILS or any(value != column[0] for value in column):
+                continue
+            sensor = range(3) if axis < 3 else range(3, 6)
+            others_live = all(_lives(columns[i]) for i in sensor if i != axis)
+            # Once stuck, only moving itself redeems an axis: the others may rest.
+            if axis in self._stuck or others_live:
+                stuck.append(axis)
+        return tuple(stuck)
+
+
+def _lives(column: tuple[int, ...]) -> bool:
+    """Whether a series turns round as often as noise does."""
+    triples = zip(column, column[1:], column[2:], strict=False)
+    turns = sum((b - a) * (c - b) < 0 for a, b, c in triples)
+    return turns >= LIVING_SHARE * len(column)

@@ -1,0 +1,147 @@
+"""The machine that these tests share, with imu-tracker installed as the README says."""
+
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from system.machine import BUILD, Machine
+from system.receiver import Receiver
+from system.tracker import Tracker
+
+CHECKOUT = Path(__file__).parents[2]
+CONFIGURATION = "/etc/imu-tracker/imu-tracker.toml"
+GUEST_BUS = "/mnt/host/tests/system/guest/bus.py"
+
+# 20 samples a second keep the emulated chip and its emulated bus at some 45 transfers a
+# second; they manage 50 to 80, a real bus a thousand.
+SETTINGS = {"rate_hz": "20.0", "bandwidth_hz": "10"}
+
+Measure = Callable[[str, float, str], None]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left_open() -> None:
+    """Let the machine outlive a test: what holds everywhere else does not here."""
+
+
+@pytest.fixture
+def measure(record_property: Callable[[str, object], None]) -> Measure:
+    """Keep a figure for the summary: what, how much, in which unit."""
+
+    def keep(what: str, value: float, unit: str) -> None:
+        record_property("measured", f"{what} {value:.3g} {unit}".rstrip())
+
+    return keep
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print one line for each check, with what was measured."""
+    reports = [
+        report
+        for outcome in ("passed", "failed")
+        for report in terminalreporter.getreports(outcome)
+        if "tests/system/" in report.nodeid and report.when == "call"
+    ]
+    if reports:
+        terminalreporter.section("measured in the machine")
+    for report in reports:
+        name = report.nodeid.rpartition("::")[2].removeprefix("test_")
+        figures = [
+            str(text) for key, text in report.user_properties if key == "measured"
+        ]
+        words = name.replace("_", " ")
+        terminalreporter.line(
+            f"{report.outcome}: {words}" + "".join(f"; {text}" for text in figures)
+        )
+
+
+def readme_install() -> list[str]:
+    """Return the commands that the README tells to install it with."""
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    block = re.search(r"^```\n(sudo python3 -m venv .*?)^```", text, re.M | re.S)
+    offline = re.search(r"`(sudo \S+/pip install --no-index [^`]*)`", text)
+    assert block, "the README does not tell how to install it"
+    assert offline, "the README does not tell how to install it without a network"
+    lines = [line.partition("  #")[0].rstrip() for line in block[1].splitlines()]
+    return [
+        " ".join(offline[1].split()) if "/pip install ." in line else line
+        for line in lines
+        if not line.startswith("tail -F")
+    ]
+
+
+@pytest.fixture(scope="session")
+def receiver() -> Iterator[Receiver]:
+    receiver = Receiver()
+    yield receiver
+    receiver.close()
+
+
+@pytest.fixture(scope="session")
+def machine(receiver: Receiver) -> Iterator[Machine]:
+    """A machine that has booted, and sees what a clone of the repository has."""
+    if not (BUILD / "rootfs.ext4").exists():
+        pytest.skip("there is no machine: make system-test builds it")
+    with tempfile.TemporaryDirectory(prefix="imu-tracker-system-") as name:
+        directory = Path(name)
+        host = directory / "host"
+        for part in ("config", "systemd", "tests/fake_i2c", "tests/system/guest"):
+            shutil.copytree(CHECKOUT / part, host / part)
+        shutil.copytree(BUILD / "wheels", host / "wheels")
+        machine = Machine(directory, host, receiver)
+        try:
+            machine.boot()
+            yield machine
+        finally:
+            machine.cut_power()
+            shutil.copy(directory / "console", BUILD)
+
+
+def plug_in_the_chip(machine: Machine) -> None:
+    """Make /dev/i2c-1, with an MPU-6050 on it; number 0 is the machine's own."""
+    machine.runs("modprobe -a i2c-dev i2c-i801 vhci-hcd i2c-tiny-usb")
+    machine.runs(
+        "systemd-run --quiet --unit imu-tracker-test-bus"
+        " --setenv PYTHONPATH=/mnt/host/tests --setenv PYTHONDONTWRITEBYTECODE=1"
+        f" /opt/imu-tracker/bin/python {GUEST_BUS}"
+    )
+    machine.runs("for n in $(seq 600); do [ -e /dev/i2c-1 ] && exit; sleep 0.1; done")
+    machine.runs("udevadm settle; test -c /dev/i2c-1")
+
+
+@pytest.fixture(scope="session")
+def installation(machine: Machine) -> dict[str, str]:
+    """Install it as the README says; return what each command printed."""
+    printed = {}
+    for command in readme_install():
+        if " check " in command:
+            plug_in_the_chip(machine)
+        quoted = command.replace("'", "'\\''")
+        printed[command] = machine.runs(
+            f"sudo -u pi -H USER=pi sh -c 'cd /mnt/host && {quoted}'", 600
+        )
+        if command.endswith(f"config/imu-tracker.toml {CONFIGURATION}"):
+            for key, value in SETTINGS.items():
+                machine.runs(
+                    f"sed -i '/^.imu.$/,/^.gps.$/ s/^{key} = .*/{key} = {value}/' "
+                    f"{CONFIGURATION}"
+                )
+    return printed
+
+
+@pytest.fixture(scope="session")
+def installed(machine: Machine, installation: dict[str, str]) -> Tracker:
+    return Tracker(machine)
+
+
+@pytest.fixture
+def tracker(installed: Tracker) -> Iterator[Tracker]:
+    """The service, writing rows with both sensors; so it must be left as well."""
+    installed.wait_for_imu(is_there=True)
+    yield installed
+    assert installed.bus("report")["violations"] == []
