@@ -60,8 +60,9 @@ vehicle does, and steps of 40 ms."""
 GYRO_DRIFT_PSD: Final = math.radians(0.002) ** 2
 """(rad/s)^2 per s: 0.1 deg/s in an hour, by temperature."""
 
-ACCEL_DRIFT_PSD: Final = 0.001**2
-"""(m/s^2)^2 per s: 6 mg in an hour, by temperature (PS-MPU-6000A section 6.2)."""
+ACCEL_DRIFT_PSD: Final = 0.0005**2
+"""(m/s^2)^2 per s: 3 mg in an hour, by six kelvins (PS-MPU-6000A section 6.2: 35 mg
+over 70)."""
 
 MOUNT_DRIFT_PSD: Final = math.radians(0.01) ** 2
 """rad^2 per s: load and speed tip a car by half a degree in the course of an hour."""
