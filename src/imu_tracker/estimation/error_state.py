@@ -27,6 +27,7 @@ from imu_tracker.estimation.estimator import Estimate, r95_of
 from imu_tracker.estimation.fix_update import FixUpdate
 from imu_tracker.estimation.gate import FixOutcome
 from imu_tracker.estimation.memory import (
+    FRESH_S,
     PARKED_YAW_SIGMA_RAD,
     Learnt,
     Place,
@@ -280,7 +281,8 @@ class ErrorState:
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
             self._alignment.recall_yaw(yaw_rad, sigma_rad)
-        self._alignment.is_memory_unproved = True
+        is_fresh = since.elapsed_s is not None and abs(since.elapsed_s) < FRESH_S
+        self._alignment.remember(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
     def report(self) -> dict[str, object]:
