@@ -67,6 +67,8 @@ class Pipeline:
         else:
             model = CorrectedModel(header, mount, corrections)
         self._decode = model.decode
+        # Where it stands was written down: of the receiver only the time is missing.
+        self._start_utc_s = header.start_utc_s if settings.start else None
         release = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
         self._epochs = EpochReader(
             reference_utc_s=header.start_utc_s,
@@ -79,6 +81,9 @@ class Pipeline:
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
         t_ns, source, data = frame
+        if self._start_utc_s is not None:
+            self._tracker.on_time(UtcTime(t_ns, self._start_utc_s))
+            self._start_utc_s = None
         if source is Source.IMU:
             rows = self._close_epoch(t_ns)
             if self._axes.look(t_ns, data):

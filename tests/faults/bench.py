@@ -155,7 +155,6 @@ class Bench:
             f"log.path={self.log}",
             f"status.path={self.status}",
             f"state.path={self.state}",
-            f"state.path={self.status.with_name('state.json')}",
             "log.min_free_mb=0",
             "filter.profile=vehicle",
         )

@@ -124,6 +124,32 @@ def test_estimators_know_nothing_of_the_tracker() -> None:
             assert own(imported) not in ("estimation.tracker", "estimation.utc"), name
 
 
+DANGEROUS = {
+    *("subprocess", "pty", "multiprocessing", "pickle", "marshal", "shelve", "dill"),
+    *("socketserver", "http", "xmlrpc", "asyncio", "ctypes", "code", "runpy"),
+}
+"""Modules that start programs, run what they read, or listen to the network."""
+
+DANGEROUS_CALLS = {"eval", "exec", "compile", "__import__"}
+DANGEROUS_METHODS = {
+    *("system", "popen", "fork", "forkpty", "execv", "execve", "execvp", "spawnv"),
+    *("posix_spawn", "bind", "listen", "accept"),
+}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_nothing_runs_a_shell_unpickles_evaluates_or_listens(name: str) -> None:
+    for imported in imports_of(MODULES[name]):
+        assert imported.partition(".")[0] not in DANGEROUS, f"{name} imports {imported}"
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id not in DANGEROUS_CALLS, name
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            assert node.func.attr not in DANGEROUS_METHODS, name
+        if isinstance(node, ast.keyword):
+            assert node.arg not in ("shell", "allow_pickle"), name
+
+
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["status", "--help"], ["replay", "--help"]]
 )

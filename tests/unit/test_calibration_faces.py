@@ -53,7 +53,7 @@ def test_the_order_of_the_faces_does_not_matter() -> None:
 def test_the_covariance_covers_the_error() -> None:
     truth = (0.01, -0.02, 0.03)
     misses = []
-    for seed in range(20):
+    for seed in range(10):
         fit = fitted(Box(bias_g=truth, seed=seed).be_laid_on(*SIX))
         sigma = np.sqrt(fit.covariance[0, 0])
         misses.append((fit.bias_mps2 - np.array(truth) * G_MPS2) / sigma)

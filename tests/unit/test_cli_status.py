@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,72 @@ def test_a_stale_status_is_exit_69(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert problem in captured.err
+
+
+def test_a_daemon_that_was_killed_is_known_to_be_gone_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    killed = subprocess.Popen(["sleep", "1000"])
+    argv = status(tmp_path, pid=killed.pid, state="tracking")
+    assert main(argv) == 0
+    killed.kill()
+    killed.wait()
+    assert main(argv) == 69
+    assert f"left by process {killed.pid}, which was killed" in capsys.readouterr().err
+
+
+def test_a_daemon_of_another_user_is_alive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def kill(pid: int, signal: int) -> None:
+        assert signal == 0
+        raise PermissionError
+
+    monkeypatch.setattr(os, "kill", kill)
+    assert main(status(tmp_path)) == 0
+
+
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [
+        (
+            {"state": "waiting for the first fix", "mode": None, "r95_m": None}
+            | {"imu_rate_hz": 100.02, "faults": {"imu_bus": 0}, "uptime_s": 17},
+            "waiting for the first fix; 100 samples/s; faults: none; up 0:00:17",
+        ),
+        (
+            {"state": "tracking", "mode": "dr", "r95_m": 12.34, "fix_age_s": 20}
+            | {"imu_rate_hz": 0.0, "disk_free_mb": 1234, "uptime_s": 90_061}
+            | {"faults": {"imu_bus": 3, "gps_line": 0, "disk": 1}},
+            "tracking: dr, r95 12.34 m; last fix 20 s ago; 0 samples/s; "
+            "faults: imu bus 3, disk 1; 1.2 GB free; up 1 day, 1:01:01",
+        ),
+    ],
+    ids=["waiting", "tracking"],
+)
+def test_the_first_line_says_how_it_is(
+    fields: dict[str, Any],
+    line: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(status(tmp_path, **fields)) == 0
+    assert capsys.readouterr().out.splitlines()[:2] == [line, ""]
+
+
+def test_who_may_not_read_it_is_told_which_group_may(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    argv = status(tmp_path)
+
+    def denied(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", denied)
+    assert main(argv) == 69
+    assert "into the group imu-tracker: sudo usermod -aG" in capsys.readouterr().err
 
 
 def test_without_a_daemon_it_is_exit_69(

@@ -95,6 +95,41 @@ def test_a_date_without_a_fix_counts_until_one_comes_with_a_fix() -> None:
     assert calendar.utc_s(2 * S, DAY_S / 2 + 2.0) == NOON + 2.0
 
 
+@pytest.mark.parametrize("years", [-46.9, -20.5, -8.0, -0.5, 12.0])
+def test_a_live_date_of_manufacture_is_not_believed_without_a_fix(
+    years: float,
+) -> None:
+    calendar = Calendar(earliest_utc_s=NOON - 10 * DAY_S)
+    calendar.learn(0, NOON + years * 365.25 * DAY_S, is_sure=False)
+    assert not calendar.is_known
+    assert calendar.rollovers == 0
+    calendar.learn(1 * S, NOON, is_sure=True)
+    assert calendar.utc_s(1 * S, DAY_S / 2) == NOON
+
+
+@pytest.mark.parametrize("rollovers", [0, 1, 2])
+def test_a_live_clock_with_a_battery_is_believed_without_a_fix(rollovers: int) -> None:
+    calendar = Calendar(earliest_utc_s=NOON - 400 * DAY_S)
+    calendar.learn(0, NOON - rollovers * ROLLOVER_S, is_sure=False)
+    assert calendar.utc_s(0, DAY_S / 2) == NOON
+    assert calendar.rollovers == rollovers
+
+
+@pytest.mark.parametrize("days", [-3000.0, -10.0, 10.0, 3000.0])
+def test_a_date_without_a_fix_does_not_move_the_reference(days: float) -> None:
+    calendar = Calendar(reference_utc_s=NOON)
+    calendar.begin(0)
+    calendar.learn(5 * S, NOON + days * DAY_S, is_sure=False)
+    assert calendar.utc_s(5 * S, DAY_S / 2 + 5.0) == NOON + 5.0
+
+
+def test_a_date_without_a_fix_next_to_the_reference_is_better_than_it() -> None:
+    calendar = Calendar(reference_utc_s=NOON)
+    calendar.begin(0)
+    calendar.learn(5 * S, NOON + DAY_S + 5.0, is_sure=False)
+    assert calendar.utc_s(5 * S, DAY_S / 2 + 5.0) == NOON + DAY_S + 5.0
+
+
 def test_a_leap_second_is_the_midnight_that_it_delays() -> None:
     calendar = Calendar()
     calendar.learn(0, MIDNIGHT - 1.0, is_sure=True)

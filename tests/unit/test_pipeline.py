@@ -212,6 +212,20 @@ def test_a_configured_start_begins_before_the_first_fix(drive: Recorded) -> None
     assert rows[-1].r95_m < 10.0
 
 
+@pytest.mark.parametrize("estimator", ["six-state", "error-state"])
+def test_a_configured_start_needs_no_receiver_where_the_header_knows_the_time(
+    drive: Recorded, estimator: str
+) -> None:
+    start = (math.radians(52.0), math.radians(4.37))
+    settings = TrackerSettings(estimator, "vehicle", start=start)
+    silent = [frame for frame in drive.frames[:2000] if frame.source is Source.IMU]
+    rows, _ = run(drive.header, silent, settings)
+    assert 0.0 <= rows[0].utc_s - START_UTC_S < 1.5
+    assert 49.0 < rows[0].r95_m < 100.0  # it may have driven off since
+    assert_no_hole(rows)
+    assert run(drive.header._replace(start_utc_s=None), silent, settings)[0] == []
+
+
 @pytest.mark.parametrize("gps_every_s", [0.1, 0.2, 5.0])
 def test_fixes_may_come_often_or_seldom(gps_every_s: float) -> None:
     quick = TYPICAL_RECEIVER._replace(baud=115200)

@@ -32,7 +32,7 @@ _SIGMAS_95: Final = 1.96
 _MODEL_ERROR: Final = 0.01
 """Of each variance: no sensor is quite what three kinds of noise can say."""
 
-_FREQUENCIES: Final = 12_000
+_FREQUENCIES: Final = 4_000
 
 
 class Curve(NamedTuple):
@@ -111,6 +111,7 @@ def allan_curve(stretches: Sequence[Array], rate_hz: float) -> Curve:
     phases = [
         np.concatenate([[0.0], np.cumsum(values - values.mean())]) / rate_hz
         for values in stretches
+        if len(values)
     ]
     variances = []
     for m in factors:
@@ -144,8 +145,9 @@ def fit_noise(curve: Curve) -> Noise | None:
         return None
     shapes = _shapes(tau_s)
     squares = np.array([float(np.median(observed[:3] * tau_s[:3])), 0.0, 0.0])
+    f_hz, through = _seen_through(tau_s, curve.rate_hz)
     for _ in range(3):
-        covariance = _covariance(squares, tau_s, curve)
+        covariance = _covariance(squares, f_hz, through, curve.length_s)
         covariance += np.diag(np.square(_MODEL_ERROR * (shapes @ squares)))
         weights: Array = np.asarray(np.linalg.inv(covariance), float)
         squares, misfit = _least_squares(shapes, observed, weights)
@@ -169,25 +171,33 @@ def _shapes(tau_s: Array) -> Array:
     return np.column_stack([1.0 / tau_s, np.full_like(tau_s, FLICKER), tau_s / 3.0])
 
 
-def _covariance(squares: Array, tau_s: Array, curve: Curve) -> Array:
-    """Covariance of the points of a curve, for the noise that is in it.
+def _seen_through(tau_s: Array, rate_hz: float) -> tuple[Array, Array]:
+    """Return frequencies, and how much of each the points of a curve see, (k, f).
 
     Notes
     -----
     The Allan variance is the spectrum S seen through H(f) = 2 sin^4(pi f tau) /
-    (m sin(pi f / rate))^2. Frequencies of a record of length T, 1 / T apart, are
-    independent and exponential, so cov = 1/T integral of S^2 H_i H_j df.
+    (m sin(pi f / rate))^2; returned is H sqrt(df).
     """
-    nyquist_hz = 0.5 * curve.rate_hz
-    f_hz = np.geomspace(0.02 / tau_s[-1], nyquist_hz, _FREQUENCIES)
+    f_hz = np.geomspace(0.02 / tau_s[-1], 0.5 * rate_hz, _FREQUENCIES)
+    down = np.outer(1.0 / (tau_s * rate_hz), 1.0 / np.sin(np.pi * f_hz / rate_hz))
+    through: Array = 2.0 * np.sin(np.pi * np.outer(tau_s, f_hz)) ** 4 * down**2
+    return f_hz, through * np.sqrt(np.gradient(f_hz))
+
+
+def _covariance(squares: Array, f_hz: Array, through: Array, length_s: float) -> Array:
+    """Covariance of the points of a curve, for the noise that is in it.
+
+    Notes
+    -----
+    Frequencies of a record of length T, 1 / T apart, are independent and exponential,
+    so cov = 1/T integral of S^2 H_i H_j df.
+    """
     white, flicker, walk = squares
     spectrum = 2.0 * white + flicker / (np.pi * f_hz)
     spectrum += walk / (2.0 * np.pi**2 * np.square(f_hz))
-    factors = tau_s * curve.rate_hz
-    down = np.outer(1.0 / factors, 1.0 / np.sin(np.pi * f_hz / curve.rate_hz))
-    through = 2.0 * np.sin(np.pi * np.outer(tau_s, f_hz)) ** 4 * down**2
-    seen = through * spectrum * np.sqrt(np.gradient(f_hz))
-    covariance: Array = seen @ seen.T / curve.length_s
+    seen = through * spectrum
+    covariance: Array = seen @ seen.T / length_s
     return covariance
 
 

@@ -34,7 +34,8 @@ kept in one file, imu.calibration, that the daemon reads when it starts.
           (--drive, or a recording that goes on with one) the yaw, too
 
 Stop the daemon before. With REC, a recording is taken instead of the live chip; a gyro
-recording that runs from cold to warm also tells how the bias follows temperature."""
+recording that runs from cold to warm also tells how the bias follows temperature, and
+with --temperature that is kept."""
 
 _EXAMPLES = """\
   imu-tracker calibrate gyro --config /etc/imu-tracker/imu-tracker.toml
@@ -80,6 +81,12 @@ def add_calibrate(subparsers: Subparsers) -> None:
         metavar="DEG",
         help="accel: where you are, for the gravity there; default: from a fix in the "
         "recording, else 9.80665 m/s^2, which may be wrong by 0.3 %%",
+    )
+    parser.add_argument(
+        "--temperature",
+        action="store_true",
+        help="gyro: keep how the bias follows temperature, and use it; worth it only "
+        "for long drives without a stop",
     )
     parser.add_argument(
         "--drive",

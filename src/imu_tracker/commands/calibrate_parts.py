@@ -72,12 +72,15 @@ def measure_gyro(
         )
     low, high = fit.temps_degc
     write(f"{fit.length_s:.0f} s at {low:.1f} to {high:.1f} deg C; +- is 95 %\n")
+    is_kept = args.temperature and fit.per_degc is not None
+    if args.temperature and not is_kept:
+        log.warning("the temperature told no slope: it must change by some degrees")
     return taken.header, GyroPart(
         bias_radps=_plain(fit.bias_radps),
         covariance=_plain(fit.covariance),
         temp_degc=fit.temp_degc,
         temps_degc=fit.temps_degc,
-        radps_per_degc=None if fit.per_degc is None else _plain(fit.per_degc),
+        radps_per_degc=_plain(fit.per_degc) if is_kept else None,
         still_s=fit.length_s,
         utc=utc_text(taken.start_utc_s),
     )

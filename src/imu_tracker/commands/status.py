@@ -2,12 +2,16 @@
 
 import argparse
 import json
+import operator
+import os
 import sys
 import time
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
 
+from imu_tracker import mending
 from imu_tracker.commands.common import (
     Subparsers,
     add_command,
@@ -19,6 +23,9 @@ from imu_tracker.errors import NotRunningError
 
 STALE_S: Final = 5.0
 """The daemon writes each second; after this long it hangs, or is gone."""
+
+_MAX_CHARACTERS: Final = 1_000_000
+"""A hundred times what the daemon writes."""
 
 _CLEAR: Final = "\x1b[H\x1b[2J"
 
@@ -76,36 +83,81 @@ def read_status(path: Path) -> tuple[str, dict[str, Any]]:
         When there is no daemon, or it stopped writing.
     """
     try:
-        text = path.read_text("utf-8")
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_MAX_CHARACTERS)
         status = json.loads(text)
-        age_s = (time.monotonic_ns() - status["t_ns"]) / 1e9
+        age_s = (time.monotonic_ns() - operator.index(status["t_ns"])) / 1e9
     except FileNotFoundError as error:
         raise NotRunningError(f"imu-tracker is not running: no {path}") from error
+    except PermissionError as error:
+        raise NotRunningError(
+            f"{path}: no permission: {mending.join_group(path, 'imu-tracker')}"
+        ) from error
     except OSError as error:
         raise NotRunningError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise NotRunningError(f"{path}: not a status of imu-tracker") from error
     if age_s < 0:  # CLOCK_MONOTONIC began anew
         raise NotRunningError(
             f"imu-tracker is not running: {path} is of before the last start of "
             "this computer"
         )
+    pid = status.get("pid")
+    if not _is_alive(pid):
+        raise NotRunningError(
+            f"imu-tracker is not running: {path} was left by process {pid}, which was "
+            f"killed; it is {age_s:.0f} s old"
+        )
     if age_s > STALE_S:
-        pid = status.get("pid")
-        is_alive = isinstance(pid, int) and Path(f"/proc/{pid}").exists()
-        what = f"imu-tracker hangs (process {pid})" if is_alive else "not running"
-        raise NotRunningError(f"{what}: {path} is {age_s:.0f} s old")
+        raise NotRunningError(
+            f"imu-tracker hangs (process {pid}): {path} is {age_s:.0f} s old"
+        )
     return text, status
 
 
+def _is_alive(pid: object) -> bool:
+    """Whether the process is there, also one of another user."""
+    if not isinstance(pid, int) or pid <= 0:
+        return False
+    try:
+        os.kill(pid, 0)
+    except PermissionError:
+        return True
+    except (ProcessLookupError, OverflowError):
+        return False
+    return True
+
+
 def _lines(status: dict[str, Any]) -> Iterator[str]:
-    """Lay the object out for people: what stands alone first, then the groups."""
+    """Lay the object out for people: a summary, what stands alone, then the groups."""
+    if "state" in status:
+        yield _summary(status)
+        yield ""
     groups = {key: value for key, value in status.items() if isinstance(value, dict)}
     yield from _table({k: v for k, v in status.items() if k not in groups}, indent="")
     for name, group in groups.items():
         yield ""
         yield _words(name)
         yield from _table(group, indent="  ")
+
+
+def _summary(status: dict[str, Any]) -> str:
+    """Say in a line what a person wants to know first."""
+    parts = [status["state"]]
+    if status.get("mode") is not None:
+        parts[0] += f": {status['mode']}, r95 {status['r95_m']} m"
+    if status.get("fix_age_s") is not None:
+        parts.append(f"last fix {status['fix_age_s']} s ago")
+    if status.get("imu_rate_hz") is not None:
+        parts.append(f"{status['imu_rate_hz']:.0f} samples/s")
+    if (faults := status.get("faults")) is not None:
+        kinds = [f"{_words(kind)} {n}" for kind, n in faults.items() if n]
+        parts.append(f"faults: {', '.join(kinds) or 'none'}")
+    if status.get("disk_free_mb") is not None:
+        parts.append(f"{status['disk_free_mb'] / 1000:.1f} GB free")
+    if status.get("uptime_s") is not None:
+        parts.append(f"up {timedelta(seconds=status['uptime_s'])}")
+    return "; ".join(parts)
 
 
 def _table(values: dict[str, Any], indent: str) -> Iterator[str]:

@@ -188,9 +188,17 @@ class RecordConfig(Table):
 
 
 class StatusConfig(Table):
-    """`[status]`: the file that `imu-tracker status` reads."""
+    """`[status]`: the files that `imu-tracker status` and monitors read."""
 
     path: FilePath = _key(Path("/run/imu-tracker/status.json"), "the path of a file")
+    prometheus: OptionalPath = _key(None, 'a path that ends in .prom, or "" for none')
+
+    @field_validator("prometheus", mode="after")
+    @classmethod
+    def _the_collector_reads_only_its_own(cls, path: Path | None) -> Path | None:
+        if path is not None and path.suffix != ".prom":
+            raise ValueError
+        return path
 
 
 class StateConfig(Table):
@@ -230,6 +238,8 @@ class Config(Table):
         outputs = {"log.path": self.log.path, "status.path": self.status.path}
         if self.record.path is not None:
             outputs["record.path"] = self.record.path
+        if self.status.prometheus is not None:
+            outputs["status.prometheus"] = self.status.prometheus
         if self.state.path is not None:
             outputs["state.path"] = self.state.path
         seen: dict[Path, str] = {}

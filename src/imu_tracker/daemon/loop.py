@@ -13,9 +13,10 @@ from typing import Any, Final
 
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
+from imu_tracker.daemon.faults import faults_of
 from imu_tracker.daemon.feeds import Feed
 from imu_tracker.daemon.state import KeptState
-from imu_tracker.daemon.status import VERSION, StatusFile, disk_free_mb, row_of
+from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
 from imu_tracker.outputs.latlong import LatLongLog
@@ -75,7 +76,7 @@ class Loop:
         self._config, self._feed = config, feed
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
-        self._status = StatusFile(config.status.path)
+        self._statuses = status_files(config.status)
         self._state = KeptState(config.state_path, clock.now_ns())
         self._pipeline: Pipeline | None = None
         self._row: NavState | None = None
@@ -98,7 +99,8 @@ class Loop:
             self._notify("STOPPING=1")
         finally:
             self._feed.close()
-            self._status.remove()
+            for file in self._statuses:
+                file.remove()
         while self._take():
             pass
         if self._pipeline is not None:
@@ -207,7 +209,9 @@ class Loop:
         if used_fixes != self._used_fixes:
             self._used_fixes, self._fix_ns = used_fixes, now_ns
         self._notify(f"STATUS={self._summary()}")
-        self._status.write(self._describe(now_ns, counters))
+        status = self._describe(now_ns, counters)
+        for file in self._statuses:
+            file.write(status)
 
     def _tell_health(self) -> None:
         counters = self._counters()
@@ -289,6 +293,7 @@ class Loop:
                 "path": str(self._config.log.path),
                 "is_failing": self._latlong.is_failing,
             },
+            "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),
             "learnt": learnt,
         }

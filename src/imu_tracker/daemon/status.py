@@ -18,6 +18,7 @@ Version 1 of the object::
                      a list each; null before the first row
     imu, gps         how each sensor is; absent for other sources
     log              path, is_failing (rows wait in memory: the disk takes none)
+    faults           how many were counted since the start, by kind, see `faults`
     counters         everything that was counted since the start, by name
     learnt           what the estimator found out
 
@@ -28,11 +29,13 @@ import json
 import logging
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from imu_tracker.config.tables import StatusConfig
+from imu_tracker.daemon.prometheus import exposition
 from imu_tracker.outputs.appendfile import make_directories
 from imu_tracker.outputs.latlong import HEADER, format_row
 from imu_tracker.samples import NavState
@@ -44,30 +47,45 @@ _MODE: Final = 0o640
 log = logging.getLogger(__name__)
 
 
-class StatusFile:
-    """The file, replaced as a whole; one that cannot be written is no fault."""
+def as_json(status: Mapping[str, Any]) -> str:
+    """Return the object as a line."""
+    return f"{json.dumps(_plain(status), allow_nan=False)}\n"
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+
+class StatusFile:
+    """A file that tells the status; one that cannot be written is no fault.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced as a whole each time, and removed at the end.
+    render : callable
+        What stands in it.
+    """
+
+    def __init__(
+        self, path: Path, render: Callable[[Mapping[str, Any]], str] = as_json
+    ) -> None:
+        self._path, self._render = path, render
         self._new = path.with_name(f".{path.name}.new")
         self._is_failing = False
 
     def write(self, status: Mapping[str, Any]) -> None:
         """Replace what stands there."""
-        text = json.dumps(_plain(status), allow_nan=False)
+        text = self._render(status)
         try:
             make_directories(self._path.parent)
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
             with os.fdopen(
                 os.open(self._new, flags, _MODE), "w", encoding="utf-8"
             ) as file:
-                file.write(f"{text}\n")
+                file.write(text)
             self._new.replace(self._path)
         except OSError as error:
             if not self._is_failing:
                 reason = error.strerror or error
                 log.warning(
-                    "%s: no status is written: %s; set status.path", self._path, reason
+                    "%s: no status is written: %s; see [status]", self._path, reason
                 )
             self._is_failing = True
         else:
@@ -78,6 +96,14 @@ class StatusFile:
         for path in (self._path, self._new):
             with suppress(OSError):
                 path.unlink(missing_ok=True)
+
+
+def status_files(config: StatusConfig) -> list[StatusFile]:
+    """Return the files that are configured."""
+    files = [StatusFile(config.path)]
+    if config.prometheus is not None:
+        files.append(StatusFile(config.prometheus, exposition))
+    return files
 
 
 def row_of(state: NavState) -> dict[str, Any]:

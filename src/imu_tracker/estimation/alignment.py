@@ -63,6 +63,11 @@ GUESS_SIGMA_RAD: Final = math.radians(30.0)
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
 
+_VERDICTS: Final = {
+    True: "what the last run learnt holds",
+    False: "what the last run learnt does not fit; learnt anew",
+}
+
 RESTED_SIGMA_RADPS: Final = math.radians(0.05)
 """Better known than this is a gyro's bias only after a rest (`vehicle.rest`)."""
 
@@ -104,6 +109,8 @@ class Alignment:
         self.is_aligned = False
         self.agnostic: Eskf | None = None
         self.is_memory_unproved = self._is_memory_tried = False
+        self._is_memory_fresh = False
+        self._with_memory: Eskf | None = None
 
     @property
     def is_level(self) -> bool:
@@ -175,7 +182,8 @@ class Alignment:
         if self._is_memory_tried:
             self._is_memory_tried = self.is_memory_unproved = False
             if heading:
-                self._notify("what the last run learnt does not fit; learnt anew")
+                self._notify(_VERDICTS[self._bank.main is self._with_memory])
+            self._with_memory = None
         elif heading:
             self._notify("the heading was wrong; learnt anew")
         self.agnostic = None
@@ -188,7 +196,7 @@ class Alignment:
         if not self.is_aligned:
             self._take_course(fix)
         elif self.is_memory_unproved and not self._bank.is_heading_trial:
-            self._try_without_memory(fix)
+            self._try_memory(fix)
 
     def _mind_reverse(self) -> None:
         """Nobody goes backwards so fast: the box sits turned by half a turn."""
@@ -293,26 +301,40 @@ class Alignment:
         self._yaw_bank.turned(yaw_rad)
         self.is_aligned = True
 
-    def _try_without_memory(self, fix: GpsFix) -> None:
-        """Try a filter as it would be had there been no earlier run.
+    def remember(self, *, is_fresh: bool) -> None:
+        """Hear that the filters began with what an earlier run learnt.
+
+        `is_fresh` says that there was no time to take the box elsewhere.
+        """
+        self.is_memory_unproved, self._is_memory_fresh = True, is_fresh
+
+    def _try_memory(self, fix: GpsFix) -> None:
+        """Try a filter with what an earlier run learnt against one without it.
 
         As soon as the vehicle goes: parked, nothing tells the two apart. If the box is
-        in another car, this one will soon foretell the fixes better.
+        in another car, the one without will soon foretell the fixes better. The other
+        one leads meanwhile; but if it never rested and may be anybody's, it follows:
+        the rate of another chip would lead it astray within seconds.
         """
         course = self._course(fix)
         if course is None:
             return
-        candidate = self._bank.main.clone(self._bank.main.noise)
-        self._forget_memory(candidate)
+        main = self._bank.main
+        without = main.clone(main.noise)
+        self._forget_memory(without)
         if self._carrier.is_vehicle:
-            off_rad = abs(off_course(self._bank.main, course[0]))
+            off_rad = abs(off_course(main, course[0]))
             if CONTRADICTED_RAD < off_rad < REVERSE_RAD:
                 # Neither ahead nor in reverse: it was not left with this heading.
                 for eskf in self._bank.filters:
                     head_for(eskf, *course)
-            head_for(candidate, *course)
-        self._is_memory_tried = True
-        self._bank.challenge_heading(candidate)
+            head_for(without, *course)
+        self._is_memory_tried, self._with_memory = True, main
+        if self._is_memory_fresh or main.sigma(GYRO_BIAS.start) < RESTED_SIGMA_RADPS:
+            self._bank.challenge_heading(without)
+        else:
+            self._bank.main = without
+            self._bank.challenge_heading(main)
 
     def give_up_memory(self) -> None:
         """Learn anew, after what was remembered has led astray."""

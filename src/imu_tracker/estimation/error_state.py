@@ -27,6 +27,7 @@ from imu_tracker.estimation.estimator import Estimate, r95_of
 from imu_tracker.estimation.fix_update import FixUpdate
 from imu_tracker.estimation.gate import FixOutcome
 from imu_tracker.estimation.memory import (
+    FRESH_S,
     PARKED_YAW_SIGMA_RAD,
     Learnt,
     Place,
@@ -270,17 +271,19 @@ class ErrorState:
         if temps[0] is not None and temps[1] is not None:
             since = since._replace(warmer_k=temps[1] - temps[0])
         prior = grown(self._prior, since)
-        takes_mounting = self._carrier.is_vehicle and not is_remounted(prior, level_q)
+        if self._carrier.is_vehicle and is_remounted(prior, level_q):
+            # Perhaps another box altogether: its biases cannot be told from the tilt.
+            self._notify("the box was turned since the last run; learnt anew")
+            return
         for eskf in self._bank.filters:
-            begin_with(eskf, prior, takes_mounting=takes_mounting)
+            begin_with(eskf, prior, takes_mounting=self._carrier.is_vehicle)
             begin_with_latency(eskf, prior)
-        if self._carrier.is_vehicle and not takes_mounting:
-            self._notify("the box was turned since the last run; mounting learnt anew")
-        elif prior.place is not None and is_parked(prior, since, level_q, fix):
+        if prior.place is not None and is_parked(prior, since, level_q, fix):
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
             self._alignment.recall_yaw(yaw_rad, sigma_rad)
-        self._alignment.is_memory_unproved = True
+        is_fresh = since.elapsed_s is not None and abs(since.elapsed_s) < FRESH_S
+        self._alignment.remember(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
     def report(self) -> dict[str, object]:

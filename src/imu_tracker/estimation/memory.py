@@ -59,6 +59,9 @@ AXLE_GROWTH_M: Final = 0.3
 REMOUNTED_RAD: Final = math.radians(20.0)
 """A car never stands so steep: it is the box that was turned."""
 
+FRESH_S: Final = 600.0
+"""Nobody puts a box into another car and drives off within so short a time."""
+
 PARKED_TILT_RAD: Final = math.radians(1.0)
 PARKED_SIGMAS: Final = 3.0
 PARKED_YAW_SIGMA_RAD: Final = math.radians(3.0)

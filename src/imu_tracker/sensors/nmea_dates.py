@@ -14,6 +14,14 @@ ROLLOVER_WEEKS: Final = 1024
 ROLLOVER_S: Final = ROLLOVER_WEEKS * 7 * DAY_S
 
 
+UNSURE_S: Final = 2.0 * DAY_S
+"""A reference may be the day alone, and lack the time zone."""
+
+LIFE_S: Final = 10.0 * 365.25 * DAY_S
+"""A release is in use for so long: of the 19.6 years that a rollover leaves open, a
+date of manufacture falls into the others."""
+
+
 class Calendar:
     """Turns times of day into UTC.
 
@@ -33,8 +41,10 @@ class Calendar:
     -----
     A time without a date goes next to where the clock must be by now: the last date
     and time that were known, plus the stream time since. So neither midnight nor an
-    outage of days needs care. Dates that come without a fix (from a battery-backed
-    clock, or the date of manufacture) count until the first that comes with one.
+    outage of days needs care. Dates that come without a fix are those of a clock with a
+    battery, or of the manufacture: they count until the first that comes with one, and
+    only when they may be true, two days around what is known, or in the years
+    after the release. For rows that have begun at a wrong date can never go back.
     """
 
     def __init__(
@@ -62,10 +72,16 @@ class Calendar:
 
     def learn(self, t_ns: int, sent_utc_s: float, *, is_sure: bool) -> None:
         """Take a date and time as sent; they are sure when there was a fix."""
-        if is_sure or not self._is_sure:
-            self.rollovers = self._missing_rollovers(sent_utc_s)
-            self._known = t_ns, sent_utc_s + self.rollovers * ROLLOVER_S
-            self._is_sure = is_sure
+        if self._is_sure and not is_sure:
+            return
+        rollovers = self._missing_rollovers(sent_utc_s)
+        utc_s = sent_utc_s + rollovers * ROLLOVER_S
+        if is_sure or self._may_be(t_ns, utc_s):
+            self.rollovers, self._known, self._is_sure = (
+                rollovers,
+                (t_ns, utc_s),
+                is_sure,
+            )
 
     def utc_s(self, t_ns: int, tod_s: float) -> float | None:
         """Return the UTC of a time of day that arrived at `t_ns`, if known."""
@@ -76,6 +92,16 @@ class Calendar:
         known_t_ns, known_utc_s = self._known
         expected_utc_s = known_utc_s + (t_ns - known_t_ns) / 1e9
         return round((expected_utc_s - tod_s) / DAY_S) * DAY_S + tod_s
+
+    def _may_be(self, t_ns: int, utc_s: float) -> bool:
+        """Whether a date that came without a fix is worth anything."""
+        if self._reference_utc_s is not None and self._known is not None:
+            known_t_ns, known_utc_s = self._known
+            expected_utc_s = known_utc_s + (t_ns - known_t_ns) / 1e9
+            return abs(utc_s - expected_utc_s) < UNSURE_S
+        if self._earliest_utc_s is not None:
+            return utc_s < self._earliest_utc_s + LIFE_S
+        return True
 
     def _missing_rollovers(self, sent_utc_s: float) -> int:
         if self._reference_utc_s is not None:
