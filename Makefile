@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint types unit acceptance system-test benchmark seeds clean
+.PHONY: help install demo test lint types unit acceptance fuzz system-test benchmark seeds clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
@@ -25,6 +25,10 @@ $(VENV)/.installed: pyproject.toml $(VENV)/.made
 
 $(VENV)/.benchmark: $(VENV)/.installed
 	@$(PIP) --editable '.[benchmark]'
+	@touch $@
+
+$(VENV)/.fuzz: $(VENV)/.installed
+	@$(PIP) --editable '.[fuzz]'
 	@touch $@
 
 $(VENV)/.made:
@@ -73,6 +77,9 @@ acceptance: install ## Run the long tests: all seeds, all drives; takes hours
 system-test: install ## Test on a real kernel and systemd, under QEMU: as root, 20 minutes
 	@tests/system/build_image.sh
 	$(BIN)/pytest -m system -v tests/system
+
+fuzz: $(VENV)/.fuzz ## Feed every reader a million hostile cases; takes hours
+	PYTHONPATH=tests $(BIN)/python -m fuzz
 
 benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
 	$(BIN)/python -m benchmarks
