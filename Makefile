@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint types unit acceptance system-test benchmark seeds clean
+.PHONY: help install pinned lock audit demo test lint types unit acceptance fuzz system-test benchmark seeds clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
@@ -23,8 +23,40 @@ $(VENV)/.installed: pyproject.toml $(VENV)/.made
 	@$(PIP) --editable '.[dev]'
 	@touch $@
 
+pinned: $(VENV)/.made ## The same by requirements-dev.txt: these versions, these hashes
+	@$(PIP) --require-hashes --requirement requirements-dev.txt
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $(VENV)/.installed
+
+# Their tools live apart: they bring a hundred packages, and want a pip of their own.
+AUDIT := $(VENV)/audit
+$(AUDIT)/.installed: $(VENV)/.made
+	@$(PYTHON) -m venv $(AUDIT)
+	@$(AUDIT)/bin/python -m pip --disable-pip-version-check install --quiet \
+		'pip-tools>=7.4,<8' 'pip-audit>=2.7,<3'
+	@touch $@
+
+lock: $(AUDIT)/.installed ## Choose the versions of requirements-dev.txt anew
+	@CUSTOM_COMPILE_COMMAND='make lock' $(AUDIT)/bin/pip-compile --quiet --upgrade \
+		--generate-hashes --allow-unsafe --strip-extras --extra dev \
+		--all-build-deps --no-emit-index-url --no-emit-trusted-host \
+		--no-emit-find-links --output-file requirements-dev.txt pyproject.toml
+
+audit: $(AUDIT)/.installed ## Ask whether anything pinned has a known vulnerability
+	@$(AUDIT)/bin/pip-audit --progress-spinner off --disable-pip --require-hashes \
+		--requirement requirements-dev.txt >$(AUDIT)/report 2>&1; code=$$?; \
+	if [ $$code != 0 ] && grep -Eq 'ConnectionError|Max retries|ServiceError|timed out' \
+		$(AUDIT)/report; then echo "audit: skipped, there is no network"; \
+	else cat $(AUDIT)/report; unknown=$$(grep -c 'not be audited' $(AUDIT)/report); \
+		[ $$unknown = 0 ] || echo "audit: $$unknown of the pins could not be looked up"; \
+		exit $$code; fi
+
 $(VENV)/.benchmark: $(VENV)/.installed
 	@$(PIP) --editable '.[benchmark]'
+	@touch $@
+
+$(VENV)/.fuzz: $(VENV)/.installed
+	@$(PIP) --editable '.[fuzz]'
 	@touch $@
 
 $(VENV)/.made:
@@ -73,6 +105,9 @@ acceptance: install ## Run the long tests: all seeds, all drives; takes hours
 system-test: install ## Test on a real kernel and systemd, under QEMU: as root, 20 minutes
 	@tests/system/build_image.sh
 	$(BIN)/pytest -m system -v tests/system
+
+fuzz: $(VENV)/.fuzz ## Feed every reader a million hostile cases; takes hours
+	PYTHONPATH=tests $(BIN)/python -m fuzz
 
 benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
 	$(BIN)/python -m benchmarks

@@ -9,4 +9,5 @@ def load_fonts() -> None:
     """Open them before a test does, which would seem to leave files open."""
     figure = Figure()
     figure.suptitle("0123")
+    figure.subplots().loglog([1e-3, 10.0], [1e-3, 10.0])
     figure.savefig(BytesIO())

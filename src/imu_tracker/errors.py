@@ -5,6 +5,17 @@ and a counter. Each error says what failed, where, what was expected and what to
 next, and knows the exit code (sysexits.h) of a command that it ends.
 """
 
+MAX_SHOWN = 60
+"""Characters of somebody else's text in a message."""
+
+
+def shown(text: str) -> str:
+    """Return the beginning of somebody else's text, which may hold anything."""
+    short = text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
+    if short.isprintable():
+        return short
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in short)
+
 
 class TrackerError(Exception):
     """Base of all errors that are not bugs of the program."""

@@ -7,13 +7,20 @@ ValueErrors that begin with what was expected; `recording` knows the place.
 
 import json
 import re
+import reprlib
 from binascii import unhexlify
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from imu_tracker.calibration.counts import COUNTS_PER_DPS, COUNTS_PER_G, parse_mount
 from imu_tracker.lines import MAX_LINE_BYTES
-from imu_tracker.samples import Frame, SessionHeader, Source
+from imu_tracker.samples import (
+    FIRST_YEAR,
+    LAST_YEAR,
+    Frame,
+    SessionHeader,
+    Source,
+)
 
 MAGIC: Final = b"# imu-tracker recording 1"
 
@@ -117,7 +124,9 @@ def parse_header(line: bytes) -> SessionHeader:
 
 def _require(is_allowed: bool, key: str, value: object, allowed: str) -> None:
     if not is_allowed:
-        raise ValueError(f"expected another {key} than {value!r}: must be {allowed}")
+        raise ValueError(
+            f"expected another {key} than {reprlib.repr(value)}: must be {allowed}"
+        )
 
 
 def _parse_json(line: bytes) -> dict[str, Any]:
@@ -148,7 +157,11 @@ def _parse_utc(text: object) -> float | None:
         return None
     try:
         start = datetime.fromisoformat(str(text))
+        if not FIRST_YEAR <= start.year <= LAST_YEAR:
+            raise ValueError
     except ValueError as error:
-        example = "ISO 8601, such as 2026-11-22T12:00:00Z"
-        raise ValueError(f"expected start_utc as {example}, not {text!r}") from error
+        example = "ISO 8601 from 1980 on, such as 2026-11-22T12:00:00Z"
+        raise ValueError(
+            f"expected start_utc as {example}, not {reprlib.repr(text)}"
+        ) from error
     return start.replace(tzinfo=start.tzinfo or UTC).timestamp()

@@ -5,11 +5,15 @@ and consumer of the program agrees on these types alone.
 """
 
 from enum import StrEnum
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 Vec3: TypeAlias = tuple[float, float, float]
 Quat: TypeAlias = tuple[float, float, float, float]
 Mount: TypeAlias = tuple[str, str, str]
+
+FIRST_YEAR: Final = 1980  # of GPS
+LAST_YEAR: Final = 2999
+"""What says to be of another year is no date."""
 
 DEFAULT_MOUNT: Mount = ("+x", "-y", "-z")
 """The chip lies flat, its x forward and its z up."""

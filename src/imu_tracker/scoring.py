@@ -9,15 +9,16 @@ import csv
 import gzip
 import math
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.errors import InputMissingError, RecordingError
+from imu_tracker.lines import MAX_LINE_BYTES
 from imu_tracker.scenes import Outage
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ def read_truth(path: Path) -> Track:
             is_gzip = file.read(2) == b"\x1f\x8b"
         opener = gzip.open if is_gzip else open
         with opener(path, "rt", encoding="utf-8", newline="") as text:
-            reader = csv.DictReader(text)
+            reader = csv.DictReader(_bounded(text))
             for row in reader:
                 line = reader.line_num
                 rows.append(_truth_row(row))
@@ -81,6 +82,14 @@ def read_truth(path: Path) -> Track:
     if not rows:
         raise RecordingError(f"{path}: no rows: expected {','.join(_COLUMNS)}")
     return Track(*np.array(rows).T)
+
+
+def _bounded(text: TextIO) -> Iterator[str]:
+    """Yield the lines of a file that may not have any."""
+    while line := text.readline(MAX_LINE_BYTES):
+        if len(line) == MAX_LINE_BYTES:
+            raise ValueError(f"longer than {MAX_LINE_BYTES} bytes")
+        yield line
 
 
 def _truth_row(row: dict[str, str]) -> tuple[float, float, float]:

@@ -24,7 +24,7 @@ from pydantic import (
 
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config.values import MountAxes
-from imu_tracker.errors import OutputError, StateError
+from imu_tracker.errors import OutputError, StateError, shown
 from imu_tracker.estimation.memory import Learnt, Place
 from imu_tracker.estimation.noise_bank import NOISE_LEVELS
 from imu_tracker.samples import Mount
@@ -226,7 +226,7 @@ def read_state(path: Path, sensor: Sensor) -> Learnt | None:
         state = State.model_validate_json(data)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(map(str, problem["loc"]))
+        where = shown(".".join(map(str, problem["loc"])))
         said = " ".join(problem["msg"].split()).removeprefix("Value error, ")
         what = f"{where}: {said}" if where else said
         raise StateError(f"{path}: not a state of imu-tracker: {what}") from error

@@ -33,7 +33,7 @@ headers = st.builds(
     imu_rate_hz=st.floats(0.1, 1000),
     mount=st.sampled_from([None, ("+x", "-y", "-z"), ("+y", "+x", "-z")]),
     profile=st.sampled_from([None, "free", "vehicle", "walker"]),
-    start_utc_s=st.none() | st.integers(0, 2**31).map(float),
+    start_utc_s=st.none() | st.integers(315_964_800, 2**31).map(float),
     chip=st.text(max_size=20),
     name=st.text(max_size=20),
 )

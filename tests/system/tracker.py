@@ -21,7 +21,7 @@ long; what is promised for a Pi is measured elsewhere, and here only printed."""
 LOG = "/var/log/imu-tracker/latlong.csv"
 STATUS = "/run/imu-tracker/status.json"
 
-PATIENCE_S = 300.0
+PATIENCE_S = 900.0
 """For everything that must come: a start may take a minute in there."""
 
 GRID_S = 0.25

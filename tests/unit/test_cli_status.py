@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from imu_tracker.cli import main
+from imu_tracker.commands.status import _with_sigmas
 
 NOW_NS = 500_000_000_000
 
@@ -186,3 +187,10 @@ def test_watching_goes_on_until_interrupted(
     monkeypatch.setattr("time.sleep", sleep)
     assert main([*status(tmp_path), "--watch"]) == 0
     assert capsys.readouterr().out == "pid  1\n" * 3
+
+
+def test_what_was_learnt_is_told_with_its_doubts() -> None:
+    shown = _with_sigmas(
+        {"delay_s": 0.2734567, "delay_sigma_s": 0.0512345, "yaw_sigma_deg": 0.5}
+    )
+    assert shown == {"delay_s": "0.273  +- 0.0512", "yaw_sigma_deg": "0.5"}

@@ -263,7 +263,7 @@ def test_a_file_that_ends_within_its_header_is_no_recording(
         ({"mount": ["+x", "+y", "-z"]}, "is a mirror image"),
         ({"profile": "boat"}, "another profile than 'boat': must be free, vehicle"),
         ({"profile": []}, "another profile than"),
-        ({"start_utc": "yesterday"}, "start_utc as ISO 8601, such as 2026-11-22T12"),
+        ({"start_utc": "yesterday"}, "start_utc as ISO 8601 from 1980 on, such as"),
         ({"start_utc": 5}, "start_utc as ISO 8601"),
         ({"chip": 6050}, "another chip than 6050: must be text"),
         ({"name": None}, "another name than None: must be text"),

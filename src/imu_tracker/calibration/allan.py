@@ -149,7 +149,10 @@ def fit_noise(curve: Curve) -> Noise | None:
     for _ in range(3):
         covariance = _covariance(squares, f_hz, through, curve.length_s)
         covariance += np.diag(np.square(_MODEL_ERROR * (shapes @ squares)))
-        weights: Array = np.asarray(np.linalg.inv(covariance), float)
+        try:
+            weights: Array = np.asarray(np.linalg.inv(covariance), float)
+        except np.linalg.LinAlgError:  # a signal, no noise: the fit has nothing to say
+            return None
         squares, misfit = _least_squares(shapes, observed, weights)
     freedom = len(tau_s) - int(np.count_nonzero(squares))
     misfit /= max(freedom, 1)

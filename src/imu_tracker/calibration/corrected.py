@@ -18,7 +18,7 @@ from imu_tracker.calibration.counts import (
     parse_mount,
 )
 from imu_tracker.calibration.readings import Array, Readings
-from imu_tracker.errors import CalibrationError
+from imu_tracker.errors import CalibrationError, shown
 from imu_tracker.samples import ImuSample, Mount, SessionHeader, Vec3
 
 Matrix: TypeAlias = tuple[Vec3, Vec3, Vec3]
@@ -77,7 +77,7 @@ class CorrectedModel:
         known = corrections
         if known.chip and known.chip != header.chip:
             raise CalibrationError(
-                f"made for the chip {known.chip}, this one is {header.chip}: "
+                f"made for the chip {shown(known.chip)}, this one is {header.chip}: "
                 "calibrate this one"
             )
         if known.mount is not None and tuple(known.mount) != tuple(mount):

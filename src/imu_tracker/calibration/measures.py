@@ -114,6 +114,7 @@ def measure(readings: Readings, stretches: Sequence[Stretch]) -> list[AxisMeasur
         axis = _measure(name, number, parts, temp_degc, means[:, number], slope)
         if (
             number == upright
+            and axis.verdict is not Verdict.BROKEN
             and not GRAVITY_LIMITS_G[0] <= gravity_g <= GRAVITY_LIMITS_G[1]
         ):
             axis = axis._replace(

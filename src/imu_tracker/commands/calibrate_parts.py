@@ -16,6 +16,7 @@ from imu_tracker.errors import CalibrationError
 
 if TYPE_CHECKING:
     from imu_tracker.calibration.faces import FaceGuide, FacesFit, Note
+    from imu_tracker.calibration.readings import Window
     from imu_tracker.calibration_file import AccelPart, Calibration, GyroPart, MountPart
     from imu_tracker.captures import Capture
     from imu_tracker.config import Config
@@ -49,10 +50,8 @@ def measure_gyro(
     seen = windows(taken.readings)
     stretches = still_stretches(seen, taken.speeds)
     still_s = sum(stretch.length_s for stretch in stretches)
-    if args.recording is None and (len(stretches) != 1 or still_s < len(seen)):
-        raise CalibrationError(
-            "it moved: lay it on something firm, do not touch it, and try again"
-        )
+    if args.recording is None:
+        _refuse_motion(seen)
     if still_s < len(seen):
         log.info(
             "it moves: %.0f s of stillness in %d stretches are used",
@@ -235,7 +234,10 @@ def measure_mount(
     mount = config.imu.mount
     if args.recording is not None and "mount" not in config.imu.model_fields_set:
         mount = taken.header.mount or DEFAULT_MOUNT
-    stretches = still_stretches(windows(taken.readings), taken.speeds)
+    seen = windows(taken.readings)
+    if args.recording is None and args.drive is None:
+        _refuse_motion(seen)
+    stretches = still_stretches(seen, taken.speeds)
     if not stretches:
         raise CalibrationError("never stands still: begin on level ground, for 10 s")
     chip_only = known_of(taken.header.chip).model_copy(update={"mount": None})
@@ -243,8 +245,6 @@ def measure_mount(
     axes = mount_matrix(mount)
     first = readings.part(stretches[0].start, stretches[0].stop)
     fit = level(axes @ first.accel_mps2.mean(axis=0))
-    if args.recording is None and args.drive is None and len(stretches) > 1:
-        raise CalibrationError("it moved: hold it still")
     latency_s = config.gps.latency_s
     drive = manoeuvres(
         readings.t_s,
@@ -313,6 +313,15 @@ def _captured(
                 for_seconds(iter(stream), live_s), args, " samples", total
             )
         return capture(stream)
+
+
+def _refuse_motion(seen: "list[Window]") -> None:
+    from imu_tracker.calibration.still import is_quiet, is_steady
+
+    if not all(is_quiet(window) and is_steady(window, seen[0]) for window in seen):
+        raise CalibrationError(
+            "it moved: lay it on something firm, do not touch it, and try again"
+        )
 
 
 def _plain(array: Any) -> Any:

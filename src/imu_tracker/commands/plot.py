@@ -88,6 +88,7 @@ def run_plot(args: argparse.Namespace) -> int:
 def _is_recording(path: Path) -> bool:
     """Tell by the first bytes; what cannot be read is left to the reader to say."""
     import gzip
+    import zlib
 
     try:
         with path.open("rb") as file:
@@ -95,7 +96,7 @@ def _is_recording(path: Path) -> bool:
         if start.startswith(_GZIP_MAGIC):
             with gzip.open(path) as packed:
                 start = packed.read(len(_RECORDING_MAGIC))
-    except (OSError, EOFError):
+    except (OSError, EOFError, zlib.error):
         return False
     return start == _RECORDING_MAGIC
 

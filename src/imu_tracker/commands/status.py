@@ -138,6 +138,8 @@ def _lines(status: dict[str, Any]) -> Iterator[str]:
     for name, group in groups.items():
         yield ""
         yield _words(name)
+        if name == "learnt":
+            group = _with_sigmas(group)
         yield from _table(group, indent="  ")
 
 
@@ -158,6 +160,32 @@ def _summary(status: dict[str, Any]) -> str:
     if status.get("uptime_s") is not None:
         parts.append(f"up {timedelta(seconds=status['uptime_s'])}")
     return "; ".join(parts)
+
+
+def _with_sigmas(values: dict[str, Any]) -> dict[str, Any]:
+    """Round, and put a standard deviation behind the value that it belongs to."""
+    shown = {}
+    for key, value in values.items():
+        quantity, _, unit = key.rpartition("_")
+        sigma = values.get(f"{quantity}_sigma_{unit}")
+        text = _rounded(value)
+        shown[key] = text if sigma is None else f"{text}  +- {_rounded(sigma)}"
+    told = {key.replace("_sigma_", "_") for key in values if "_sigma_" in key}
+    return {
+        key: text
+        for key, text in shown.items()
+        if "_sigma_" not in key or key.replace("_sigma_", "_") not in told & {*values}
+    }
+
+
+def _rounded(value: object) -> str:
+    match value:
+        case float():
+            return f"{value:.3g}"
+        case list():
+            return ", ".join(map(_rounded, value))
+        case _:
+            return _text(value)
 
 
 def _table(values: dict[str, Any], indent: str) -> Iterator[str]:

@@ -5,17 +5,22 @@ All problems are reported at once, one line each, the key first.
 
 import difflib
 import json
-import textwrap
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from imu_tracker.config.tables import Config, keys
-from imu_tracker.errors import ConfigError
+from imu_tracker.errors import ConfigError, shown
+
+MAX_FILE_BYTES: Final = 100_000
+"""Ten times the documented file; also of a device, which would never end."""
+
+MAX_LINE_BYTES: Final = 5000
+"""More than the longest path of Linux."""
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
@@ -48,7 +53,19 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        if len(data) > MAX_FILE_BYTES:
+            raise ConfigError(f"{path}: longer than {MAX_FILE_BYTES} bytes")
+        # tomllib takes time by the square of the dots in a key.
+        for number, text in enumerate(data.split(b"\n"), 1):
+            if len(text) > MAX_LINE_BYTES:
+                raise ConfigError(
+                    f"{path}: line {number}: longer than {MAX_LINE_BYTES} bytes"
+                )
+        return tomllib.loads(data.decode("utf-8"))
+    except ConfigError:
+        raise
     except FileNotFoundError as error:
         raise ConfigError(f"{path}: no such file") from error
     except OSError as error:
@@ -71,9 +88,10 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
     """Split `table.key=value`; a value that is not TOML is a bare word."""
     name, equals, value = text.partition("=")
     table, _, key = name.strip().partition(".")
-    if not (equals and table and key):
+    is_text = name.encode(errors="replace").decode() == name  # or bytes of a shell
+    if not (equals and table and key and is_text):
         raise ConfigError(
-            f"--set {text}: must be TABLE.KEY=VALUE, like filter.profile=vehicle"
+            f"--set {shown(text)}: must be TABLE.KEY=VALUE, like filter.profile=vehicle"
         )
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
@@ -99,15 +117,12 @@ def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
     if table not in Config.model_fields:
         return _unknown(table, tables[table])
     if not key:
-        return f"{table} = {_toml(tables[table])}: must be a table, [{table}]"
+        return f"{table} = {_shown(tables[table])}: must be a table, [{table}]"
     fields = Config.model_fields[table].annotation.model_fields  # type: ignore[union-attr]
     if key not in fields:
-        return f"{table}.{key}: no such key{_hint(key, fields)}"
+        return f"{table}.{shown(key)}: no such key{_hint(key, fields)}"
     value = tables.get(table, {}).get(key, "")
-    shown = textwrap.shorten(
-        _toml(value, is_hex=key == "address"), 60, placeholder="..."
-    )
-    where = f"{table}.{key} = {shown}"
+    where = f"{table}.{key} = {_shown(value, is_hex=key == 'address')}"
     # What we say ourselves begins with "must"; float() and the like know less.
     ours = said if said.startswith("must") else f"must be {fields[key].description}"
     return f"{where}: {ours}"
@@ -115,10 +130,10 @@ def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
 
 def _unknown(name: str, value: Any) -> str:
     if isinstance(value, dict):
-        return f"[{name}]: no such table{_hint(name, Config.model_fields)}"
+        return f"[{shown(name)}]: no such table{_hint(name, Config.model_fields)}"
     homes = [f"[{table}]" for table, key, _ in keys() if key == name]
     advice = f"it belongs below {' or '.join(homes)}" if homes else "every key has one"
-    return f"{name} = {_toml(value)}: stands outside of a table; {advice}"
+    return f"{shown(name)} = {_shown(value)}: stands outside of a table; {advice}"
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
@@ -126,13 +141,18 @@ def _hint(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
 
 
+def _shown(value: Any, *, is_hex: bool = False) -> str:
+    """Write the beginning of a value in one line."""
+    return shown(" ".join(_toml(value, is_hex=is_hex).split()))
+
+
 def _toml(value: Any, *, is_hex: bool = False) -> str:
     """Write a value as the file would."""
     match value:
         case bool() | str():
             return json.dumps(value, ensure_ascii=False)
-        case int() if is_hex:
-            return f"0x{value:02X}"
+        case int() if is_hex or value.bit_length() > 64:
+            return f"0x{value:02X}"  # str() refuses 4300 digits and more
         case list():
             return f"[{', '.join(map(_toml, value))}]"
         case dict():

@@ -6,16 +6,13 @@ a text that begins with "must" says it better.
 
 from datetime import UTC, date, datetime, time
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from imu_tracker.calibration.counts import parse_mount
 from imu_tracker.errors import ConfigError
-from imu_tracker.samples import Mount
-
-FIRST_YEAR: Final = 1980  # of GPS
-LAST_YEAR: Final = 2999
+from imu_tracker.samples import FIRST_YEAR, LAST_YEAR, Mount
 
 DateT = TypeVar("DateT", bound=date)
 

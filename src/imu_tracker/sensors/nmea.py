@@ -19,6 +19,7 @@ from imu_tracker.sensors.nmea_sentences import Report, read_sentence
 __all__ = ["EpochReader", "LineSplitter"]
 
 REMEMBERED_EPOCHS: Final = 4  # two sources on one wire lag each other by a second
+MAX_REPORTS: Final = 100  # of one epoch; a wire at 460800 baud could carry 200
 TOLD_AFTER: Final = 10  # a receiver may send its date every few seconds only
 _PLACES: Final = frozenset({"RMC", "GGA", "GNS", "GLL"})
 _NOTICES: Final = {
@@ -139,7 +140,8 @@ class EpochReader:
         if report.kind == "ZDA":  # a date, which is learnt already, and no position
             return []
         if epoch.is_open:
-            epoch.reports.append(report)
+            if len(epoch.reports) < MAX_REPORTS:
+                epoch.reports.append(report)
             return self._close(epoch) if report.kind == self._closer else []
         if epoch.is_young(t_ns):
             self._closer = report.kind  # so the next one waits for it

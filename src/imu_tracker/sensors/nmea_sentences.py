@@ -16,12 +16,16 @@ from typing import Final, NamedTuple, TypeAlias
 import pynmea2
 
 from imu_tracker.errors import NmeaError
+from imu_tracker.samples import FIRST_YEAR, LAST_YEAR
 from imu_tracker.sensors.nmea_lines import checked_text
 
 MPS_PER_KNOT: Final = 1852 / 3600
 MAX_SPEED_MPS: Final = 600.0  # export rules switch civil receivers off at 515 m/s
 STANDING_MPS: Final = 0.5  # slower than this, a blank course means rest
 MIN_SIGMA_M: Final = 0.01  # the step in which receivers print GST
+MAX_SIGMA_M: Final = 1e5  # of a fix that knows no more than its continent
+MAX_HDOP: Final = 1000.0  # 99.99 and 9999 are how receivers say "no geometry"
+HEIGHTS_M: Final = (-12_000.0, 100_000.0)  # the deepest trench; above it is space
 
 QUALITY_OF_MODE: Final = {"R": 4, "F": 5, "P": 3, "D": 2, "A": 1}  # best first
 NOT_MEASURED: Final = frozenset("NEMS")
@@ -119,9 +123,9 @@ def _read_gga(tod: str, quality: str, satellites: str, *rest: str) -> Report:
         tod_s=_time_of_day(tod),
         has_fix=has_fix,
         lat_lon_rad=_position(*place),
-        alt_m=_number(altitude),
+        alt_m=_height(altitude),
         quality=int(quality) if quality.isdigit() else None,
-        hdop=_positive(hdop),
+        hdop=_dilution(hdop),
     )
 
 
@@ -136,9 +140,9 @@ def _read_gns(tod: str, modes: str, *rest: str) -> Report:
         tod_s=_time_of_day(tod),
         has_fix=not NOT_MEASURED.issuperset(modes) if modes else None,
         lat_lon_rad=_position(*place),
-        alt_m=_number(altitude),
+        alt_m=_height(altitude),
         quality=next((q for mode, q in QUALITY_OF_MODE.items() if mode in modes), None),
-        hdop=_positive(hdop),
+        hdop=_dilution(hdop),
     )
 
 
@@ -197,6 +201,20 @@ def _positive(text: str) -> float | None:
     return number if number is not None and number > 0 else None
 
 
+def _dilution(text: str) -> float | None:
+    """Read a dilution of precision; an absurd one is a bad one."""
+    hdop = _positive(text)
+    return None if hdop is None else min(hdop, MAX_HDOP)
+
+
+def _height(text: str) -> float | None:
+    """Read a height; None when it is blank, or not of this world."""
+    height_m = _number(text)
+    if height_m is None or not HEIGHTS_M[0] <= height_m <= HEIGHTS_M[1]:
+        return None
+    return height_m
+
+
 def _time_of_day(text: str) -> float | None:
     """Read hhmmss.ss; a leap second is the second before the same midnight's first."""
     seconds = _number(text[4:])
@@ -217,10 +235,12 @@ def _utc_s(tod_s: float | None, year: str, month: str, day: str) -> float | None
 def _midnight_s(year: str, month: str, day: str) -> float | None:
     """Return the UTC at which a day begins; None when it is blank or none."""
     try:
-        ordinal = date(int(year), int(month), int(day)).toordinal()
+        whole = date(int(year), int(month), int(day))
     except (ValueError, OverflowError):
         return None
-    return (ordinal - date(1970, 1, 1).toordinal()) * 86400.0
+    if not FIRST_YEAR <= whole.year <= LAST_YEAR:
+        return None
+    return (whole.toordinal() - date(1970, 1, 1).toordinal()) * 86400.0
 
 
 def _century(year: str) -> str:
@@ -267,4 +287,4 @@ def _per_axis(north: float | None, east: float | None) -> float | None:
     """Average two standard deviations into one that serves both axes."""
     if north is None or east is None:
         return None
-    return max(hypot(north, east) / sqrt(2), MIN_SIGMA_M)
+    return min(max(hypot(north, east) / sqrt(2), MIN_SIGMA_M), MAX_SIGMA_M)

@@ -1,0 +1,18 @@
+"""One target under atheris, in this process; `python -m fuzz` starts it."""
+
+import sys
+import warnings
+
+import atheris
+
+
+def main() -> None:
+    with atheris.instrument_imports(include=["imu_tracker"]):
+        from fuzz.targets import TARGETS
+    warnings.simplefilter("error")
+    atheris.Setup([sys.argv[0], *sys.argv[2:]], TARGETS[sys.argv[1]].run)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
