@@ -187,7 +187,7 @@ class Sensor(NamedTuple):
     def refusal(self, state: State) -> str:
         """Say why a state is not of this sensor, or ""."""
         if self.chip and state.chip and self.chip != state.chip:
-            return f"of another chip, {state.chip}; this one is {self.chip}"
+            return f"of another chip, {shown(state.chip)}; this one is {self.chip}"
         if self.mount != state.mount:
             return f"learnt with imu.mount = {list(state.mount)}"
         if self.calibration != state.calibration:

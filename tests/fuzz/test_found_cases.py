@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzz.targets import TARGETS
+from fuzz.targets import SEEDS, TARGETS
 from imu_tracker.cli import build_parser
 from imu_tracker.commands.status import read_status
 from imu_tracker.config import Config, load_config
@@ -254,6 +254,11 @@ def test_a_picture_of_damaged_gzip_data_is_refused(tmp_path: Path) -> None:
     args = build_parser().parse_args(["plot", str(path), "--output", str(picture)])
     with pytest.raises(LogError, match="damaged"):
         args.run(args)
+
+
+def test_the_name_of_another_chip_stays_in_its_line() -> None:
+    text = (SEEDS / "calibration.json").read_bytes()
+    TARGETS["calibration"].run(text.replace(b"MPU-6050", b"M\\u001b[2J\\n0"))
 
 
 # ------------------------------------------------------------------------------ by kind
