@@ -54,7 +54,7 @@ class LosingDisk:
                 is_last = self.calls == die_at
                 if is_last and name == "write":
                     real(args[0], args[1][: rng.randrange(len(args[1]) + 1)])
-                if is_last and rng.random() < 0.5:
+                if is_last and (name == "write" or rng.random() < 0.5):
                     os.kill(os.getpid(), signal.SIGKILL)
                 if name in ("rename", "replace", "unlink"):
                     self._bury(Path(args[-1]))

@@ -14,7 +14,8 @@ TESTS = Path(__file__).parent.parent
 
 def killed(kills: int) -> dict[str, Any]:
     """Do it in a process of its own: one that forks must have a single thread."""
-    environment = {**os.environ, "PYTHONPATH": str(TESTS), "OPENBLAS_NUM_THREADS": "1"}
+    path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-m", "faults.kills", "--kills", str(kills)],
         capture_output=True,

@@ -94,7 +94,8 @@ class Turner:
 
     def wake(self) -> None:
         """End a sleep: what it waits for has happened."""
-        self._clock._queue(self._sleeper, self._clock.now_ns())
+        if not self._is_over:  # else the turn would be nobody's
+            self._clock._queue(self._sleeper, self._clock.now_ns())
 
     def join(self, timeout_s: float | None) -> None:
         assert timeout_s is not None, "SIGTERM must not wait for ever"
