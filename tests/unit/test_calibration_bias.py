@@ -77,6 +77,14 @@ def test_at_one_temperature_there_is_no_slope() -> None:
     assert fitted(Box().lie(Z_UP, 30.0)).per_degc is None
 
 
+def test_a_temperature_that_never_changes_makes_a_file() -> None:
+    box = Box()
+    box.temp_degc = 26.1
+    fit = fitted(box.lie(Z_UP, 55.0))
+    low, high = fit.temps_degc
+    assert low <= fit.temp_degc <= high
+
+
 def test_a_drift_that_is_not_the_temperatures_is_no_slope() -> None:
     found = 0
     for seed in range(20):

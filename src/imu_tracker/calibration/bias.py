@@ -73,7 +73,7 @@ def fit_gyro(stretches: Sequence[Stretch]) -> GyroFit:
     gyro = np.array([window.gyro_radps for window in windows])
     temp_degc = np.array([window.temp_degc for window in windows])
     slope = slope_of(temp_degc, gyro)
-    middle_degc = float(temp_degc.mean())
+    middle_degc = float(np.clip(temp_degc.mean(), temp_degc.min(), temp_degc.max()))
     level = gyro
     if slope is not None:
         level = gyro - np.outer(temp_degc - middle_degc, slope[0])
