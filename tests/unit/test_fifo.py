@@ -72,6 +72,16 @@ def test_what_the_fifo_held_before_is_thrown_away(bench: Bench) -> None:
     assert min(numbers(bench.drain_after(55))) > newest
 
 
+def test_a_frame_that_lacks_its_last_byte_is_not_passed_on(bench: Bench) -> None:
+    # The frames before it are aligned, and their temperature is right.
+    bench.clock.advance(ms=55)
+    bench.chip.read(0x72, 2)
+    bench.chip._fifo.pop()
+    drain = bench.fifo.drain()
+    assert (drain.outcome, drain.frames) == (DrainOutcome.MISALIGNED, [])
+    assert len(bench.drain_after(55).frames) == 5
+
+
 def test_an_overflow_throws_all_away_and_starts_anew(bench: Bench) -> None:
     drain = bench.drain_after(1000)
     assert drain.outcome is DrainOutcome.OVERFLOW
