@@ -320,8 +320,8 @@ PROTECTIONS: Final = (
         *("a log that is deleted or moved goes on unseen", "its inode is compared"),
         *(
             "outputs/appendfile.py",
-            "return (found.st_dev, found.st_ino) == self._inode",
-            "return True",
+            "if not self._is_in_place():",
+            "if self._fd is None:",
         ),
         "[log file deleted-moving]",
     ),

@@ -1,6 +1,7 @@
 """The grid, the back-off and the two clocks."""
 
 import threading
+import time
 
 from fake_clock import FakeClock
 from imu_tracker.sensors.clock import Backoff, Clock, MonotonicClock, Pacer
@@ -78,3 +79,8 @@ def test_a_plan_that_stops_the_sleeper_ends_its_sleep() -> None:
     clock.at(10, stop.set)
     assert clock.sleep_until_ns(100, stop)
     assert clock.now_ns() == 10
+
+
+def test_a_step_of_the_system_clock_is_not_felt() -> None:
+    before_ns = time.monotonic_ns()
+    assert before_ns <= MonotonicClock().now_ns() <= time.monotonic_ns()
