@@ -59,6 +59,6 @@ def live_header(config: Config, chip: str = "MPU-6050") -> SessionHeader:
         config.imu.gyro_range_dps,
         config.imu.rate_hz,
         config.imu.mount,
-        config.filter.profile,
+        None if config.filter.profile == "auto" else config.filter.profile,
         chip=chip,
     )

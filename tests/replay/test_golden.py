@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 import pytest
 
-from imu_tracker.config import Config
+from imu_tracker.config import load_config
 from imu_tracker.outputs.latlong import HEADER, format_row
 from imu_tracker.recording import RecordingWriter, read_recording
 from imu_tracker.replay import Replay
@@ -24,6 +24,7 @@ from simulated import is_between, without
 HERE = Path(__file__).parent
 CENTIMETRE_DEG: Final = 0.01 / 111_320.0
 RATE_HZ: Final = 50.0
+ESTIMATORS: Final = ("error-state", "six-state")
 
 
 def drive(simulated: Simulated) -> Iterator[Frame]:
@@ -79,22 +80,26 @@ def record(name: str, path: Path) -> None:
             writer.write(frame)
 
 
-def replayed(path: Path) -> list[str]:
-    return [HEADER, *map(format_row, Replay(Config()).rows(read_recording(path)))]
+def replayed(path: Path, estimator: str) -> list[str]:
+    config = load_config(None, [f"filter.estimator={estimator}"])
+    return [HEADER, *map(format_row, Replay(config).rows(read_recording(path)))]
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("name", STORIES)
 def test_a_recording_makes_the_log_that_it_always_made(
-    name: str, is_regen: bool
+    name: str, estimator: str, is_regen: bool
 ) -> None:
     recording = HERE / "recordings" / f"{name}.rec.gz"
-    golden = HERE / "expected" / f"{name}.csv"
+    golden = HERE / "expected" / f"{name}.{estimator}.csv"
     if is_regen:
         if not recording.exists():
             record(name, recording)
-        golden.write_text("\n".join(replayed(recording)) + "\n", encoding="ascii")
+        golden.write_text(
+            "\n".join(replayed(recording, estimator)) + "\n", encoding="ascii"
+        )
         pytest.skip("written anew")
-    found = list(csv.DictReader(replayed(recording)))
+    found = list(csv.DictReader(replayed(recording, estimator)))
     expected = list(csv.DictReader(golden.read_text(encoding="ascii").splitlines()))
     assert len(found) == len(expected)
     for new, old in zip(found, expected, strict=True):
@@ -110,7 +115,8 @@ def test_a_recording_makes_the_log_that_it_always_made(
         assert (new["alt_m"] == "") == (old["alt_m"] == "")
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("name", STORIES)
-def test_a_replay_is_the_same_to_the_byte(name: str) -> None:
+def test_a_replay_is_the_same_to_the_byte(name: str, estimator: str) -> None:
     recording = HERE / "recordings" / f"{name}.rec.gz"
-    assert replayed(recording) == replayed(recording)
+    assert replayed(recording, estimator) == replayed(recording, estimator)

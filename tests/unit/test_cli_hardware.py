@@ -1,6 +1,7 @@
 """`check`, `record` and `selftest` on a fake bus and a scripted receiver."""
 
 import logging
+import os
 import shutil
 import signal
 from collections.abc import Callable, Iterator
@@ -288,11 +289,11 @@ def test_the_sensors_of_a_daemon_that_runs_are_left_alone(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    Path("status.json").write_text('{"t_ns": 5, "pid": 12}')
+    Path("status.json").write_text(f'{{"t_ns": 5, "pid": {os.getpid()}}}')
     monkeypatch.setattr("time.monotonic_ns", lambda: 6)
     code, found = check(capsys)
     assert code == 0
-    assert "it runs (process 12)" in found["daemon"]
+    assert f"it runs (process {os.getpid()})" in found["daemon"]
     assert bench.bus.transfers == 0
 
 

@@ -23,6 +23,7 @@ from imu_tracker.samples import (
 UTC_S = 1_795_348_800.0
 HOME = LocalFrame.at(math.radians(52.0), math.radians(4.37))
 LATENCY_NS = 200_000_000
+PLAIN = TrackerSettings("six-state", "free", LATENCY_NS * 1e-9)
 MS = 1_000_000
 
 
@@ -46,7 +47,7 @@ class World:
         self.speed, self.still_s, self.every_s = speed, still_s, every_s
         self.latency_ns, self.has_velocity = latency_ns, has_velocity
         self.body = Body(rate_hz=rate_hz)
-        self.tracker = Tracker(TrackerSettings(**settings))  # type: ignore[arg-type]
+        self.tracker = Tracker(PLAIN._replace(**settings))  # type: ignore[arg-type]
         self.rows: list[NavState] = []
         self.outcomes: list[FixOutcome] = []
         self.imu_lives = self.gps_lives = True

@@ -136,7 +136,7 @@ class GpsConfig(Table):
     baud: Annotated[Baud, Exact] = _key(
         "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
     )
-    latency_s: Latency = _key(0.2, 'from 0 to 2 s, or "auto"')
+    latency_s: Latency = _key("auto", 'from 0 to 2 s, or "auto"')
     lever_arm_m: LeverArm = _key(
         (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"
     )
@@ -156,10 +156,10 @@ class FilterConfig(Table):
     """`[filter]`: the estimator and what it may assume."""
 
     estimator: Literal["six-state", "error-state"] = _key(
-        "six-state", '"six-state" or "error-state"'
+        "error-state", '"error-state" or "six-state"'
     )
-    profile: Literal["free", "vehicle", "walker", "auto"] = _key(
-        "free", '"free", "vehicle", "walker" or "auto"'
+    profile: Literal["auto", "free", "vehicle", "walker"] = _key(
+        "auto", '"auto", "free", "vehicle" or "walker"'
     )
     start: Position = _key(
         "", 'a position "lat,lon" in degrees, like "51.99,4.37", or ""'
@@ -218,20 +218,6 @@ class Config(Table):
     record: RecordConfig = RecordConfig()
     status: StatusConfig = StatusConfig()
     state: StateConfig = StateConfig()
-
-    @model_validator(mode="after")
-    def _only_the_error_state_filter_learns(self) -> "Config":
-        if self.filter.estimator == "error-state":
-            return self
-        for key, value in (
-            ("gps.latency_s", self.gps.latency_s),
-            ("filter.profile", self.filter.profile),
-        ):
-            if value == "auto":
-                raise ValueError(
-                    f'{key} = "auto": needs filter.estimator = "error-state"'
-                )
-        return self
 
     @model_validator(mode="after")
     def _outputs_differ(self) -> "Config":

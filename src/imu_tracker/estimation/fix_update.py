@@ -98,6 +98,7 @@ class FixUpdate:
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         receiver.observe_period(fix)
+        receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._bank.filters:

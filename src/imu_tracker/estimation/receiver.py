@@ -38,6 +38,10 @@ ALTITUDE_FACTOR: Final = 2.0
 ALTITUDE_VOTES: Final = 10.0
 """Its lasting error has no state: altitudes of so many seconds count as one."""
 
+RESTING_LASTS_S: Final = 30.0
+"""What is reflected to an antenna that stands changes with the satellites alone: at
+rest the fixes of so long count as one. A parked tracker draws no star."""
+
 RESOLUTION_M: Final = 0.01
 TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
@@ -81,18 +85,22 @@ class ReceiverModel:
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
+    is_resting : bool
+        Whether the antenna stands still, by the word of the IMU.
     """
 
     def __init__(self) -> None:
         self.period_s = 1.0
         self.velocity_var = VELOCITY_START_MPS**2
         self.nis_level = 1.0
+        self.is_resting = False
         self._fix_ns: int | None = None
 
     @property
     def votes(self) -> float:
-        """Fixes that count as one: those of a second."""
-        return max(1.0, 1.0 / self.period_s)
+        """Fixes that count as one: those of a second, or of a rest."""
+        lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
+        return max(1.0, lasts_s / self.period_s)
 
     def observe_period(self, fix: GpsFix) -> None:
         """Learn how often fixes come."""

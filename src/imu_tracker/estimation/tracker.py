@@ -65,9 +65,9 @@ _SAID_OF_SENSORS: Final = {
 class TrackerSettings(NamedTuple):
     """What the configuration says to the estimation."""
 
-    estimator: str = "six-state"
-    profile: str = "free"
-    latency_s: float | None = 0.2  # None: measured, by estimators that can
+    estimator: str = "error-state"
+    profile: str = "auto"
+    latency_s: float | None = None  # None: measured, by an estimator that can
     lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
     rate_hz: int = 4
     mount: Mount | None = None  # None: the header's
