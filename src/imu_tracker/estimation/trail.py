@@ -10,9 +10,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Final
 
+import numpy as np
+
+from imu_tracker.estimation.error_model import ACCEL_BIAS, ATTITUDE, N_ERRORS, skew
 from imu_tracker.estimation.eskf import Eskf, Nominal
 from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.rotation import rotate
+from imu_tracker.estimation.rotation import matrix, rotate
 from imu_tracker.estimation.standstill import Rest
 from imu_tracker.samples import Vec3
 
@@ -75,15 +78,18 @@ class Trail:
         Notes
         -----
         The level speed gained, less the bias, stays within `PULLING_OFF_MPS` and three
-        sigmas of tilt and bias.
+        sigmas. Tilt and bias are each known badly, but after some rest not what
+        they do together: dv = -[f x] theta t - C_nb b_a t.
         """
         if any(rest is None for _, rest in self._waiting):
             return False
         dvn, dve, _ = rotate(eskf.nominal.q_nb, self._sum_of_dv(step))
         time_s = step.dt_s + sum(later.dt_s for later, _ in self._waiting)
         bn, be, _ = rotate(eskf.nominal.q_nb, eskf.accel_bias_mps2)
-        tilt_var = max(eskf.P[6, 6], eskf.P[7, 7]) * eskf.gravity_mps2**2
-        sigma = time_s * math.sqrt(tilt_var + eskf.P[12, 12] + eskf.P[13, 13])
+        H = np.zeros((2, N_ERRORS))
+        H[:, ATTITUDE] = skew((0.0, 0.0, eskf.gravity_mps2))[:2]
+        H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
+        sigma = time_s * math.sqrt(float(np.trace(H @ eskf.P @ H.T)))
         gained_mps = math.hypot(dvn - bn * time_s, dve - be * time_s)
         return gained_mps < PULLING_OFF_MPS + 3.0 * sigma
 
