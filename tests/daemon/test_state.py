@@ -4,8 +4,8 @@ import logging
 from pathlib import Path
 
 import pytest
-from tests.fake_clock import FakeClock
 
+from fake_clock import FakeClock
 from imu_tracker.config import load_config
 from imu_tracker.daemon import run
 

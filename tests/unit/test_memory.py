@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.simulated import Figures, compare
 
 from imu_tracker.estimation.memory import Learnt, Since, grown
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader
 from imu_tracker.simulation import TruthRow, simulate
+from simulated import Figures, compare
 
 DAY_S = 86400.0
 
