@@ -42,7 +42,7 @@ OUTAGES: Final = tuple(
 )
 
 ASKEW: Final = TYPICAL_CHIP._replace(
-    mounting_sigma_rad=tuple(math.radians(angle) for angle in (3.0, 5.0, 5.0))
+    mounting_sigma_rad=(math.radians(3.0), math.radians(5.0), math.radians(5.0))
 )
 """A chip of the datasheet in a box that is fixed by eye, roll, pitch and yaw."""
 
