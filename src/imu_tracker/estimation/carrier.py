@@ -9,9 +9,10 @@ from imu_tracker.estimation.profile import ProfileJudge
 from imu_tracker.estimation.rotation import wrap_pi
 from imu_tracker.samples import Quat
 
-UNKNOWN_ACCEL_PSD: Final = {"vehicle": 1.5**2, "walker": 0.5**2, "free": 1.5**2}
-"""While the yaw or the IMU is unknown: a body's own acceleration for a second, as
-(m/s^2)^2/Hz."""
+UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
+"""While the yaw or the IMU is unknown: a body's own acceleration, as (m/s^2)^2/Hz. A
+vehicle's is 1 m/s^2 rms, and corners and stops last some six seconds; a walker turns
+round within one."""
 
 
 class Carrier:

@@ -94,7 +94,8 @@ class Propagation:
             alignment.agnostic.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         if step.is_gap:
-            self._doubt(LOST_TURN_RADPS * step.dt_s, 0.0)
+            sped_var = self._carrier.unknown_accel_psd * step.dt_s
+            self._doubt(LOST_TURN_RADPS * step.dt_s, math.sqrt(sped_var))
         elif step.is_saturated:
             # A reading that was clipped may be off by as much as it says.
             self._doubt(math.hypot(*step.dtheta_b_rad), math.hypot(*step.dv_b_mps))
