@@ -13,8 +13,10 @@ import imu_tracker
 ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
 
-PURE = ("samples", "errors", "estimation", "calibration", "simulation", "integrity")
-PURE = (*PURE, "pipeline")
+PURE = (
+    *("samples", "errors", "estimation", "calibration", "simulation", "integrity"),
+    "pipeline",
+)
 PURE_NMEA = ("sensors.nmea", "sensors.nmea_")
 """The rooms without clock, file, thread, logger or bus."""
 

@@ -62,7 +62,9 @@ def test_what_was_learnt_sharpens_the_start_of_the_same_car() -> None:
     _, cold = tracked(4)
     _, warm = tracked(4, learnt()._replace(utc_s=None))
     cold_sigma, warm_sigma = (p.report()["mounting_sigma_deg"] for p in (cold, warm))
-    assert np.all(np.less(warm_sigma, cold_sigma))  # type: ignore[arg-type]
+    assert isinstance(cold_sigma, list)
+    assert isinstance(warm_sigma, list)
+    assert np.all(np.less(warm_sigma, cold_sigma))
 
 
 @pytest.mark.parametrize("days", [1.0, 30.0])
