@@ -15,7 +15,7 @@ def main() -> None:
     """Run every cell, or only list what protects."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--protections", action="store_true", help="list, run nothing")
-    parser.add_argument("--estimator", default="six-state")
+    parser.add_argument("--estimator", default="error-state")
     arguments = parser.parse_args()
     if arguments.protections:
         print("| trap | protection | where | test |\n| --- | --- | --- | --- |")
