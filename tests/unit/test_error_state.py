@@ -491,3 +491,14 @@ def test_a_stream_that_is_cut_gives_a_prefix() -> None:
     for until_s in (31.7, 70.0):
         cut = drive(seed=4, until_s=until_s).rows
         assert whole[: len(cut)] == cut
+
+
+def test_a_receiver_that_tells_places_alone_will_do() -> None:
+    result = drive(
+        seed=1,
+        keep=lambda frame, t_s: frame.source is not Source.GPS or b"GGA" in frame.data,
+    )
+    late = result.t_s > 60.0
+    assert np.all(np.isfinite(result.r95_m))
+    assert (result.error_m <= result.r95_m)[late].mean() > 0.85
+    assert result.error_m[late].max() < 30.0
