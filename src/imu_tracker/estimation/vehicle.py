@@ -49,6 +49,11 @@ REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 REST_LASTS_S: Final = 1.0
 """The mean of a second's samples is told afresh once a second."""
 
+GENTLE_STOP_MPS: Final = 1.0
+GENTLE_STOP_S: Final = 2.0
+"""Who stops gently is quiet before he stands: speed that may be left, and how fast it
+fades. After a minute in the dark each metre per second of it is worth thirty metres."""
+
 SLOPE_SIGMA_RAD: Final = math.radians(5.0)
 SLOPE_LASTS_S: Final = 10.0
 """Roads: a mountain pass of 8 deg lies within two sigmas; a slope lasts 150 m."""
@@ -100,7 +105,8 @@ def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
         ]
     )
     votes = max(1.0, REST_LASTS_S / period_s)
-    speed_var = votes * REST_SPEED_SIGMA_MPS**2
+    left_mps = GENTLE_STOP_MPS * math.exp(-seen.duration_s / GENTLE_STOP_S)
+    speed_var = votes * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
     rate_var = votes * REST_RATE_SIGMA_RADPS**2
     return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
 
