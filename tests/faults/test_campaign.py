@@ -12,7 +12,10 @@ SLOW_TO_BELIEVE = (
 OFF_IN_THE_DARK = (
     "who sets off without GPS has no heading yet, and r95 grows too slowly"
 )
-TURNED_OFF = "without GPS and without the chip, a car that turns off leaves the circle for a while"
+TURNED_OFF = (
+    "without GPS and without the chip, a car that turns off leaves the circle "
+    "for a while"
+)
 
 LEFT_TO_ESTIMATORS: dict[tuple[str, str, Phase], str] = {
     ("six-state", "a leap second", Phase.MOVING): SLOW_TO_BELIEVE,

@@ -61,6 +61,10 @@ make it err by 10 degrees."""
 GUESS_SIGMA_RAD: Final = math.radians(30.0)
 """A bank less sure than this says nothing."""
 
+PATIENCE_S: Final = 5.0
+"""For so long of a usable course the bank is heard first: pulling off shows it in some
+seconds whether the box sits turned; on a steady road it never can."""
+
 LOST_YAW_SIGMA_RAD: Final = 0.6
 
 _VERDICTS: Final = {
@@ -104,6 +108,7 @@ class Alignment:
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
+        self._waited_s = 0.0
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
@@ -194,7 +199,7 @@ class Alignment:
         self._mind_reverse()
         self._ask_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._take_course(fix)
+            self._take_course(fix, receiver.period_s)
         elif self.is_memory_unproved and not self._bank.is_heading_trial:
             self._try_memory(fix)
 
@@ -259,14 +264,17 @@ class Alignment:
         self._yaw_bank.turned(yaw_rad)
         self.is_aligned = True
 
-    def _take_course(self, fix: GpsFix) -> None:
-        """Take the course for the heading of a vehicle."""
+    def _take_course(self, fix: GpsFix, period_s: float) -> None:
+        """Take the course for the heading of a vehicle, unless the bank hesitates."""
         course = self._course(fix)
         if course is None or not self._carrier.is_vehicle:
             return
         course_rad, course_sigma_rad = course
         main = self._bank.main
         yaw_rad, sigma_rad = self._yaw_bank.answer()
+        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < PATIENCE_S:
+            self._waited_s += period_s
+            return
         wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
         if _contradicts(wrong_rad, sigma_rad):
             self._take_yaw(yaw_rad, sigma_rad)
