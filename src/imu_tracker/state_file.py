@@ -30,7 +30,7 @@ from imu_tracker.estimation.noise_bank import NOISE_LEVELS
 from imu_tracker.samples import Mount
 
 FORMAT: Final = "imu-tracker state"
-VERSION: Final = 1
+VERSION: Final = 2
 
 MOST_BYTES: Final = 65_536
 """A state has some 2 kB."""
@@ -81,6 +81,14 @@ _Biases = Annotated[tuple[_Bias, _Bias, _Bias], BeforeValidator(_tuple)]
 _BiasSigmas = Annotated[
     tuple[_BiasSigma, _BiasSigma, _BiasSigma], BeforeValidator(_tuple)
 ]
+_TurnComponent = Annotated[float, _within(0.2)]
+_TurnSigma = Annotated[float, _sigma(0.2)]
+_TurnError = Annotated[
+    tuple[_TurnComponent, _TurnComponent, _TurnComponent], BeforeValidator(_tuple)
+]
+_TurnErrorSigma = Annotated[
+    tuple[_TurnSigma, _TurnSigma, _TurnSigma], BeforeValidator(_tuple)
+]
 _MountSigma = Annotated[float, Field(ge=0, le=10)]  # zero: there is no mounting
 _Vibration = Annotated[float, Field(ge=1e-6, le=1000.0)]
 _Level = tuple[bool, _Vibration, _Vibration]
@@ -115,8 +123,8 @@ class LearntPart(_Part):
     gyro_bias_sigma_radps: _BiasSigmas
     accel_bias_mps2: _Biases
     accel_bias_sigma_mps2: _BiasSigmas
-    yaw_scale: float = _within(0.2)
-    yaw_scale_sigma: float = _sigma(0.2)
+    turn_error_b: _TurnError
+    turn_error_sigma: _TurnErrorSigma
     q_vb: _Quat | None
     mounting_sigma_rad: Annotated[
         tuple[_MountSigma, _MountSigma], BeforeValidator(_tuple)
@@ -138,7 +146,7 @@ class State(_Part):
     """The whole file: what was learnt, of which sensor, and when."""
 
     format: Literal["imu-tracker state"] = FORMAT
-    version: Literal[1] = VERSION
+    version: Literal[2] = VERSION
     saved_utc: Annotated[_Utc | None, BeforeValidator(_instant)]  # null: never told
     chip: Annotated[str, Field(max_length=100)]
     mount: MountAxes

@@ -13,7 +13,13 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.carrier import Carrier
-from imu_tracker.estimation.error_model import GYRO_BIAS, VELOCITY_DELAY, Array
+from imu_tracker.estimation.error_model import (
+    GYRO_BIAS,
+    TILT,
+    VELOCITY_DELAY,
+    YAW,
+    Array,
+)
 from imu_tracker.estimation.eskf import Eskf
 from imu_tracker.estimation.noise_bank import NoiseBank
 from imu_tracker.estimation.orientation import (
@@ -66,6 +72,8 @@ PATIENCE_S: Final = 5.0
 seconds whether the box sits turned; on a steady road it never can."""
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
+LOST_TILT_SIGMA_RAD: Final = 0.5
+"""Levelled in a turn, or while it speeds up: an aeroplane banks by that much."""
 
 _VERDICTS: Final = {
     True: "what the last run learnt holds",
@@ -176,6 +184,21 @@ class Alignment:
         if self.is_aligned and self._bank.main.sigma(8) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
+
+    def lose(self) -> None:
+        """Level anew and find north anew: the attitude, or the mounting, is wrong."""
+        is_vehicle = self._carrier.is_vehicle
+        for eskf in self._bank.filters:
+            eskf.forget_orientation(math.pi, is_vehicle=is_vehicle)
+            eskf.set_variances(TILT, [LOST_TILT_SIGMA_RAD**2] * 2)
+            if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
+                forget_gyro_bias(eskf)
+            eskf.q_vb = IDENTITY
+        self._bank.challenge_noise()
+        self.level_q, self._level_s, self._level_dv = None, 0.0, (0.0, 0.0, 0.0)
+        self.is_aligned = self.is_memory_unproved = self._is_memory_tried = False
+        self.start()
+        self._notify("the orientation was lost; learnt anew")
 
     # ---------------------------------------------------------------- with each fix
 
@@ -302,10 +325,7 @@ class Alignment:
         """Take the heading in which the vehicle was left."""
         for eskf in self._bank.filters:
             turn(eskf, wrap_pi(yaw_rad - to_euler(eskf.nominal.q_nb)[2]))
-            P = eskf.P.copy()
-            P[8, :] = P[:, 8] = 0.0
-            P[8, 8] = sigma_rad**2
-            eskf.P = P
+            eskf.set_variances(YAW, [sigma_rad**2])
         self._yaw_bank.turned(yaw_rad)
         self.is_aligned = True
 

@@ -1,4 +1,4 @@
-"""The 23 errors of the error-state filter, and how they grow.
+"""The 25 errors of the error-state filter, and how they grow.
 
 An error is what must be added to the estimate to make it true. The attitude's is a
 small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. What
@@ -20,16 +20,20 @@ Array = NDArray[np.float64]
 POSITION: Final = slice(0, 3)  # p_n, m
 VELOCITY: Final = slice(3, 6)  # v_n, m/s
 ATTITUDE: Final = slice(6, 9)  # theta_n, rad
+TILT: Final = slice(6, 8)
+YAW: Final = slice(8, 9)
 GYRO_BIAS: Final = slice(9, 12)  # b_g, body axes, rad/s
 ACCEL_BIAS: Final = slice(12, 15)  # b_a, body axes, m/s^2
 MOUNT_PITCH: Final = 15  # rad, about vehicle y: true C_vb = (I + [mu x]) C_vb
 MOUNT_YAW: Final = 16  # rad, about vehicle z
+MOUNTING: Final = slice(15, 17)
 RECEIVER: Final = slice(17, 19)  # lasting error of the receiver, NE, m
 DELAY: Final = 19  # fixes describe this much later than assumed, s
 VELOCITY_DELAY: Final = 20  # the same of their velocities
-YAW_SCALE: Final = 21  # true yaw rate over the measured one, minus 1
-AXLE: Final = 22  # from the rear axle forward to the box, m
-N_ERRORS: Final = 23
+DELAYS: Final = slice(19, 21)
+TURN_ERROR: Final = slice(21, 24)  # missed by the gyro per turn about down, body axes
+AXLE: Final = 24  # from the rear axle forward to the box, m
+N_ERRORS: Final = 25
 
 
 class NoiseLevel(NamedTuple):
@@ -79,7 +83,7 @@ START_SIGMA: Final = (
     (ACCEL_BIAS, 0.4),  # PS-MPU-6000A section 6.2: 50, 50, 80 mg
     (slice(DELAY, DELAY + 1), 0.4),  # receivers: 0.05 to 1.2 s
     (slice(VELOCITY_DELAY, VELOCITY_DELAY + 1), 0.4),
-    (slice(YAW_SCALE, YAW_SCALE + 1), 0.015),  # 6.1: 3 % tolerance
+    (TURN_ERROR, 0.015),  # 6.1: 3 % tolerance of scale, 2 % across the axes
     (slice(AXLE, AXLE + 1), 1.0),  # boot to dashboard
 )
 
@@ -119,18 +123,19 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_down_rad: float) -> Arr
 
     Returns
     -------
-    F : ndarray, shape (23, 23)
+    F : ndarray, shape (25, 25)
 
     Notes
     -----
     v' = v - [dv_n x] theta - C_nb b_a dt
-    theta' = theta - C_nb b_g dt + turn s_yaw down
+    theta' = theta - C_nb b_g dt + C_nb m turn_down
     p' = p + v dt, and half a stretch of each change of v.
     The receiver's error decays: b_r' = exp(-dt / tau) b_r.
     Source: Sola 2017, arXiv:1711.02508, section 7 (global angular errors).
     """
     F = np.eye(N_ERRORS)
-    C_dt = matrix(q_nb) * dt_s
+    C_nb = matrix(q_nb)
+    C_dt = C_nb * dt_s
     F_v = skew(dv_n)
     F[3:6, 6:9] = -F_v
     F[3:6, 12:15] = -C_dt
@@ -138,7 +143,7 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_down_rad: float) -> Arr
     F[0:3, 6:15] = (0.5 * dt_s) * F[3:6, 6:15]
     F[0, 3] = F[1, 4] = F[2, 5] = dt_s
     F[6:9, 9:12] = -C_dt
-    F[8, YAW_SCALE] = turn_down_rad
+    F[6:9, TURN_ERROR] = C_nb * turn_down_rad
     F[17, 17] = F[18, 18] = math.exp(-dt_s / RECEIVER_CORRELATION_S)
     return F
 

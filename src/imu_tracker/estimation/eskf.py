@@ -11,18 +11,24 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
+from numpy.typing import ArrayLike
 
 from imu_tracker.estimation.error_model import (
+    ACCEL_BIAS,
     ACCEL_NOISE_PSD,
+    ATTITUDE,
     AXLE,
     DELAY,
+    DELAYS,
     GYRO_NOISE_PSD,
     MOUNT_PITCH,
     MOUNT_YAW,
+    MOUNTING,
     N_ERRORS,
     SHAKEN_S,
+    TILT,
+    TURN_ERROR,
     VELOCITY_DELAY,
-    YAW_SCALE,
     Array,
     NoiseLevel,
     process_noise,
@@ -38,7 +44,6 @@ from imu_tracker.estimation.rotation import (
     multiply,
     normalise,
     rotate,
-    turn_about_down,
 )
 from imu_tracker.samples import Quat, Vec3
 
@@ -59,7 +64,7 @@ class Measurement(NamedTuple):
     """An innovation `z = H errors + noise(R)`."""
 
     z: Array  # shape (m,)
-    H: Array  # shape (m, 23)
+    H: Array  # shape (m, 25)
     R: Array  # shape (m, m)
 
 
@@ -91,9 +96,11 @@ class Eskf:
         Lasting error of the receiver.
     delay_s, velocity_delay_s : float
         A fix describes so much later than its nominal instant.
-    yaw_scale : float
+    turn_error_b : Vec3, body axes
+        What the gyro misses per radian turned about down: its scale and what crosses
+        over to the other axes.
     axle_m : float
-    P : ndarray, shape (23, 23)
+    P : ndarray, shape (25, 25)
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -109,7 +116,8 @@ class Eskf:
         self.q_vb: Quat = IDENTITY
         self.receiver_ne_m = (0.0, 0.0)
         self.receiver_var = 4.0
-        self.delay_s = self.velocity_delay_s = self.yaw_scale = 0.0
+        self.delay_s = self.velocity_delay_s = 0.0
+        self.turn_error_b: Vec3 = _ZERO
         self.axle_m = START_AXLE_M
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
         self.rate_n: Vec3 = _ZERO
@@ -135,15 +143,20 @@ class Eskf:
     def P(self, P: Array) -> None:
         self._kf.P = P
 
+    def set_variances(self, where: slice | int, variances: ArrayLike) -> None:
+        """Make some errors known so well, and independent of all others."""
+        if isinstance(where, int):
+            where = slice(where, where + 1)
+        P = self._kf.P.copy()
+        P[where, :] = P[:, where] = 0.0
+        P[where, where] = np.diag(np.atleast_1d(variances))
+        self._kf.P = P
+
     def set_vehicle(self, *, is_vehicle: bool) -> None:
         """Begin, or cease, to learn a mounting."""
         self._is_vehicle = is_vehicle
-        fresh = start_covariance(is_vehicle=is_vehicle)
-        P = self._kf.P.copy()
-        for i in (MOUNT_PITCH, MOUNT_YAW):
-            P[i, :] = P[:, i] = 0.0
-            P[i, i] = fresh[i, i]
-        self._kf.P = P
+        fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
+        self.set_variances(MOUNTING, fresh[MOUNTING])
 
     @property
     def accel_std_mps2(self) -> float:
@@ -158,7 +171,8 @@ class Eskf:
         Notes
         -----
         v' = v + C_nb (dv_b - b_a dt) + g dt, p' = p + (v + v') / 2 dt,
-        q' = q exp(dtheta_b - b_g dt), turned about down by s_yaw of its own turn.
+        q' = q exp(turn_b + m turn_down), turn_b = dtheta_b - b_g dt and turn_down its
+        part about down.
         """
         dt = step.dt_s
         _, (pn, pe, pd), (vn, ve, vd), q_nb = start
@@ -176,10 +190,15 @@ class Eskf:
             pe + (ve + 0.5 * dve) * dt,
             pd + vd * dt + dvd * half,
         )
-        q_nb = multiply(q_nb, from_rotation_vector(self._turn_b(step)))
-        if self.yaw_scale:
-            turn_down = rotate(q_nb, self._turn_b(step))[2]
-            q_nb = turn_about_down(q_nb, self.yaw_scale * turn_down)
+        x, y, z = turn_b = self._turn_b(step)
+        turn_down = rotate(q_nb, turn_b)[2]
+        mx, my, mz = self.turn_error_b
+        q_nb = multiply(
+            q_nb,
+            from_rotation_vector(
+                (x + mx * turn_down, y + my * turn_down, z + mz * turn_down)
+            ),
+        )
         return Nominal(step.t_ns, p_n, (vn + dvn, ve + dve, vd + dvd), normalise(q_nb))
 
     def _force(self, q_nb: Quat, step: ImuStep) -> Vec3:
@@ -239,27 +258,20 @@ class Eskf:
     def take_over(self, other: "Eskf") -> None:
         """Become another filter, but for the noise level and what it cannot know."""
         delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self._kf.P, self.noise
+        kept, noise = self._kf.P.diagonal(), self.noise
         self.__dict__.update(other.clone(noise).__dict__)
-        P = self._kf.P.copy()
-        for i in (DELAY, VELOCITY_DELAY):
-            P[i, :] = P[:, i] = 0.0
-            P[i, i] = kept[i, i]
-        self._kf.P = P
+        self.set_variances(DELAYS, kept[DELAYS])
         self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
 
     def forget_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""
-        fresh = start_covariance(is_vehicle=is_vehicle)
-        P = self._kf.P.copy()
-        for i in (*range(6, 9), *range(12, 17), YAW_SCALE, AXLE):
-            P[i, :] = P[:, i] = 0.0
-            P[i, i] = fresh[i, i]
-        P[6, 6] = P[7, 7] = _DOUBTED_TILT_RAD**2
-        P[8, 8] = yaw_sigma_rad**2
-        self._kf.P = P
+        fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
+        tilt_var = max(_DOUBTED_TILT_RAD**2, *self._kf.P.diagonal()[TILT])
+        for where in (ACCEL_BIAS, MOUNTING, TURN_ERROR, AXLE):
+            self.set_variances(where, fresh[where])
+        self.set_variances(ATTITUDE, [tilt_var, tilt_var, yaw_sigma_rad**2])
         self.accel_bias_mps2 = _ZERO
-        self.yaw_scale, self.axle_m = 0.0, START_AXLE_M
+        self.turn_error_b, self.axle_m = _ZERO, START_AXLE_M
 
     def predict(self, *, use_force: bool, unknown_accel_psd: float = 0.0) -> None:
         """Let the errors grow over the stretch since the last prediction."""
@@ -324,7 +336,8 @@ class Eskf:
         self.receiver_ne_m = (north + e[17], east + e[18])
         self.delay_s += e[DELAY]
         self.velocity_delay_s += e[VELOCITY_DELAY]
-        self.yaw_scale += e[YAW_SCALE]
+        mx, my, mz = self.turn_error_b
+        self.turn_error_b = (mx + e[21], my + e[22], mz + e[23])
         self.axle_m += e[AXLE]
 
     def C_vn(self) -> Array:

@@ -7,17 +7,22 @@ import numpy as np
 
 from imu_tracker.estimation.alignment import Alignment
 from imu_tracker.estimation.carrier import Carrier
-from imu_tracker.estimation.error_model import DELAY, POSITION, RECEIVER, VELOCITY
+from imu_tracker.estimation.error_model import (
+    DELAY,
+    POSITION,
+    RECEIVER,
+    VELOCITY,
+)
 from imu_tracker.estimation.eskf import Eskf
 from imu_tracker.estimation.estimator import R95_PER_SIGMA
 from imu_tracker.estimation.gate import FixOutcome, Gate
 from imu_tracker.estimation.noise_bank import NoiseBank
+from imu_tracker.estimation.orientation_watch import OrientationWatch
 from imu_tracker.estimation.propagation import (
     ANY_HEIGHT_VAR,
     ANY_SPEED_VAR,
     DARK_AFTER_S,
     Propagation,
-    set_block,
 )
 from imu_tracker.estimation.receiver import (
     ReceiverModel,
@@ -30,6 +35,9 @@ from imu_tracker.samples import GpsFix, Vec3
 BELIEVED_SIGMAS: Final = 2.5
 DOUBT_S: Final = 5.0
 """A lasting error of the receiver beyond this is the filter's own."""
+
+AGAIN_NS: Final = 60_000_000_000
+"""A filter that begins anew with a true attitude keeps its way for longer."""
 
 
 class FixUpdate:
@@ -72,6 +80,9 @@ class FixUpdate:
         self.doubt_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0
         self._n_used = 0
+        self._watch = OrientationWatch()
+        self._is_lost = False
+        self._restarted_ns: int | None = None
 
     @property
     def nis_mean(self) -> float:
@@ -97,7 +108,8 @@ class FixUpdate:
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
-        receiver.observe_period(fix)
+        receiver.observe(fix)
+        self._propagation.own_accel_mps2 = receiver.accel_mps2
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
@@ -134,7 +146,16 @@ class FixUpdate:
         if is_aligned:
             self._alignment.judge(main, challenger, receiver.period_s)
         self._propagation.dark_s = 0.0
+        if self._is_lost:
+            self._lose_orientation()
+            self._restart(fix)
+            return FixOutcome.REACQUIRED
         return FixOutcome.ACCEPTED
+
+    def _lose_orientation(self) -> None:
+        self._alignment.lose()
+        self._watch.forget()
+        self._is_lost = False
 
     def _doubt(self, eskf: Eskf, variance: float) -> None:
         """Open up where the receiver's error would have to be larger than it can be.
@@ -166,8 +187,14 @@ class FixUpdate:
         eskf.apply(position)
         eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
         velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        if velocity is not None and propagation.rest is None:
+        seen = fix.vel_ne_mps
+        if seen and velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
+            if eskf is self._bank.main and is_aligned:
+                self._is_lost = self._watch.observe(
+                    *(fix.t_ns, seen, receiver.velocity_var),
+                    *(self._carrier.unknown_accel_psd, velocity.z, S),
+                )
             is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity(velocity.z, S - velocity.R)
@@ -178,8 +205,12 @@ class FixUpdate:
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays if nothing is against it.
 
-        A filter that lost its way before its heading was confirmed had a wrong one.
+        A filter that lost its way before its heading was confirmed had a wrong one, and
+        so had one that soon loses it again.
         """
+        last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
+        if last_ns is not None and fix.t_ns - last_ns < AGAIN_NS:
+            self._lose_orientation()
         down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.doubt_m = 0.0
@@ -192,8 +223,8 @@ class FixUpdate:
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
             )
-            set_block(eskf, POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
-            set_block(eskf, RECEIVER, [eskf.receiver_var] * 2)
-            set_block(eskf, VELOCITY, [speed_var] * 2 + [1.0])
+            eskf.set_variances(POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
+            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
+            eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
         if levelled is not None:
             self._alignment.is_aligned = False

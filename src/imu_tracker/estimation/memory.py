@@ -22,8 +22,8 @@ from imu_tracker.estimation.error_model import (
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
+    TURN_ERROR,
     VELOCITY_DELAY,
-    YAW_SCALE,
 )
 from imu_tracker.estimation.eskf import Eskf, Measurement
 from imu_tracker.estimation.geodesy import LocalFrame
@@ -50,7 +50,7 @@ MOUNT_MOST_RAD: Final = math.radians(1.5)
 DELAY_GROWTH_S: Final = 0.05
 """A receiver begins anew with a filter of its own."""
 
-YAW_SCALE_GROWTH: Final = 0.003
+TURN_ERROR_GROWTH: Final = 0.003
 """Section 6.1: 2 % over 125 K."""
 
 AXLE_GROWTH_M: Final = 0.3
@@ -89,8 +89,8 @@ class Learnt(NamedTuple):
     gyro_bias_sigma_radps: Vec3
     accel_bias_mps2: Vec3
     accel_bias_sigma_mps2: Vec3
-    yaw_scale: float
-    yaw_scale_sigma: float
+    turn_error_b: Vec3
+    turn_error_sigma: Vec3
     q_vb: Quat | None  # None: nothing that has a mounting
     mounting_sigma_rad: tuple[float, float]  # pitch, yaw
     axle_m: float
@@ -116,6 +116,7 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
     """Collect what outlasts a run; `shift_s` is the delay that was folded away."""
     gx, gy, gz = (eskf.sigma(i) for i in range(GYRO_BIAS.start, GYRO_BIAS.stop))
     ax, ay, az = (eskf.sigma(i) for i in range(ACCEL_BIAS.start, ACCEL_BIAS.stop))
+    mx, my, mz = (eskf.sigma(i) for i in range(TURN_ERROR.start, TURN_ERROR.stop))
     return Learnt(
         profile=profile,
         noise_level=noise_level,
@@ -123,8 +124,8 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
         gyro_bias_sigma_radps=(gx, gy, gz),
         accel_bias_mps2=eskf.accel_bias_mps2,
         accel_bias_sigma_mps2=(ax, ay, az),
-        yaw_scale=eskf.yaw_scale,
-        yaw_scale_sigma=eskf.sigma(YAW_SCALE),
+        turn_error_b=eskf.turn_error_b,
+        turn_error_sigma=(mx, my, mz),
         q_vb=eskf.q_vb if profile == "vehicle" else None,
         mounting_sigma_rad=(eskf.sigma(MOUNT_PITCH), eskf.sigma(MOUNT_YAW)),
         axle_m=eskf.axle_m,
@@ -158,13 +159,15 @@ def grown(learnt: Learnt, since: Since) -> Learnt:
     )
     gx, gy, gz = learnt.gyro_bias_sigma_radps
     ax, ay, az = learnt.accel_bias_sigma_mps2
+    mx, my, mz = learnt.turn_error_sigma
+    turn = TURN_ERROR_GROWTH
     pitch, yaw = learnt.mounting_sigma_rad
     hypot = math.hypot
     return learnt._replace(
         gyro_bias_sigma_radps=(hypot(gx, gyro), hypot(gy, gyro), hypot(gz, gyro)),
         accel_bias_sigma_mps2=(hypot(ax, accel), hypot(ay, accel), hypot(az, accel)),
         mounting_sigma_rad=(hypot(pitch, mounting), hypot(yaw, mounting)),
-        yaw_scale_sigma=hypot(learnt.yaw_scale_sigma, YAW_SCALE_GROWTH),
+        turn_error_sigma=(hypot(mx, turn), hypot(my, turn), hypot(mz, turn)),
         axle_sigma_m=hypot(learnt.axle_sigma_m, AXLE_GROWTH_M),
         latency_sigma_s=hypot(learnt.latency_sigma_s, DELAY_GROWTH_S),
         velocity_latency_sigma_s=hypot(learnt.velocity_latency_sigma_s, DELAY_GROWTH_S),
@@ -180,20 +183,23 @@ def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
     the filter has found out since its start, and the tilt that goes with it, keeps its
     weight. The mounting is taken over outright: it may be turned by any angle.
     """
-    where = [*range(GYRO_BIAS.start, ACCEL_BIAS.stop), YAW_SCALE]
+    where = [
+        *range(GYRO_BIAS.start, ACCEL_BIAS.stop),
+        *range(TURN_ERROR.start, TURN_ERROR.stop),
+    ]
     H = np.zeros((len(where), N_ERRORS))
     H[range(len(where)), where] = 1.0
     z = np.array(
         [
             *np.subtract(learnt.gyro_bias_radps, eskf.gyro_bias_radps),
             *np.subtract(learnt.accel_bias_mps2, eskf.accel_bias_mps2),
-            learnt.yaw_scale - eskf.yaw_scale,
+            *np.subtract(learnt.turn_error_b, eskf.turn_error_b),
         ]
     )
     sigmas = (
         *learnt.gyro_bias_sigma_radps,
         *learnt.accel_bias_sigma_mps2,
-        learnt.yaw_scale_sigma,
+        *learnt.turn_error_sigma,
     )
     eskf.apply(Measurement(z, H, np.diag(np.square(sigmas))))
     if takes_mounting and learnt.q_vb is not None:

@@ -93,10 +93,7 @@ def mount_along_course(eskf: Eskf) -> None:
 def forget_gyro_bias(eskf: Eskf) -> None:
     """Keep the gyro's bias, but doubt it as at the first start."""
     fresh = start_covariance(is_vehicle=False)
-    P = eskf.P.copy()
-    P[GYRO_BIAS, :] = P[:, GYRO_BIAS] = 0.0
-    P[GYRO_BIAS, GYRO_BIAS] = fresh[GYRO_BIAS, GYRO_BIAS]
-    eskf.P = P
+    eskf.set_variances(GYRO_BIAS, fresh.diagonal()[GYRO_BIAS])
 
 
 def off_course(eskf: Eskf, course_rad: float) -> float:

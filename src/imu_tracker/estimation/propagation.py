@@ -9,6 +9,7 @@ from imu_tracker.estimation import vehicle
 from imu_tracker.estimation.alignment import Alignment
 from imu_tracker.estimation.carrier import Carrier
 from imu_tracker.estimation.error_model import (
+    ACCEL_BIAS,
     ATTITUDE,
     N_ERRORS,
     POSITION,
@@ -19,6 +20,7 @@ from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.estimation.noise_bank import NoiseBank
 from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.estimation.rotation import matrix
 from imu_tracker.estimation.standstill import Rest
 
 STRETCH_S: Final = 0.1
@@ -29,6 +31,13 @@ DARK_AFTER_S: Final = 2.0
 WEAK_PERIOD_S: Final = 1.0
 LEVELLING_SIGMA_MPS2: Final = 3.0
 """Own acceleration of a body of which nothing is known, mean of a second."""
+
+STEADY_MPS2: Final = 0.7
+STEADY_SIGMA_MPS2: Final = 0.3
+STEADY_LASTS_S: Final = 3.0
+"""A body whose velocity changes by less is steady, so far as a second's fixes tell;
+what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does not
+feel where down is."""
 
 ANY_SPEED_VAR: Final = 20.0**2
 ANY_HEIGHT_VAR: Final = 100.0**2
@@ -55,6 +64,8 @@ class Propagation:
         At the end of the last step.
     dark_s : float
         Since the last fix that was used.
+    own_accel_mps2 : float or None
+        Change of the receiver's velocity, as long as that is fresh and there is one.
     """
 
     def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
@@ -63,6 +74,7 @@ class Propagation:
         self.frame = LocalFrame.at(0.0, 0.0)
         self.rest: Rest | None = None
         self.dark_s = 0.0
+        self.own_accel_mps2: float | None = None
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
@@ -72,10 +84,10 @@ class Propagation:
             eskf.predict(use_force=False)
             t_ns, _, _, q_nb = eskf.nominal
             eskf.nominal = Nominal(t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), q_nb)
-            set_block(eskf, POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
-            set_block(eskf, VELOCITY, [ANY_SPEED_VAR, ANY_SPEED_VAR, 1.0])
+            eskf.set_variances(POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
+            eskf.set_variances(VELOCITY, [ANY_SPEED_VAR, ANY_SPEED_VAR, 1.0])
             eskf.receiver_ne_m = (0.0, 0.0)
-            set_block(eskf, RECEIVER, [eskf.receiver_var] * 2)
+            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
         self.dark_s = 0.0
         self._alignment.start()
 
@@ -153,7 +165,7 @@ class Propagation:
                 eskf.apply(vehicle.rest(eskf, rest, period_s))
             elif not alignment.is_aligned:
                 if is_weak_due:
-                    eskf.apply(gravity_is_down(eskf))
+                    self._level(eskf)
             elif self._carrier.is_vehicle:
                 eskf.apply(vehicle.no_side_slip(eskf, period_s))
                 if is_weak_due and self.dark_s > DARK_AFTER_S:
@@ -165,7 +177,16 @@ class Propagation:
                     vehicle.rest(alignment.agnostic, rest, period_s)
                 )
             elif is_weak_due:
-                alignment.agnostic.apply(gravity_is_down(alignment.agnostic))
+                self._level(alignment.agnostic)
+
+    def _level(self, eskf: Eskf) -> None:
+        """Take the mean force for gravity, as far as the body is steady."""
+        own_mps2 = self.own_accel_mps2
+        if own_mps2 is None or self.dark_s > DARK_AFTER_S:
+            eskf.apply(gravity_is_down(eskf, LEVELLING_SIGMA_MPS2**2))
+        elif own_mps2 < STEADY_MPS2:
+            variance = STEADY_SIGMA_MPS2**2 + own_mps2**2
+            eskf.apply(gravity_is_down(eskf, STEADY_LASTS_S * variance))
 
     def _move_frame(self) -> None:
         """Take the origin along when the way from it grows."""
@@ -181,25 +202,18 @@ class Propagation:
             _shift(agnostic, -north, -east)
 
 
-def gravity_is_down(eskf: Eskf) -> Measurement:
+def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:
     """Of a body of which nothing is known, the mean force is gravity.
 
     Notes
     -----
-    0 = a_n, level axes: z = -f_n, H = [f_n x] theta's level part.
+    0 = a_n, level axes: z = -f_n, H = [f_n x] theta's level part - C_nb db_a.
     """
     fn, fe, fd = (eskf.a_n[0], eskf.a_n[1], eskf.a_n[2] - eskf.gravity_mps2)
     H = np.zeros((2, N_ERRORS))
     H[0, 7], H[1, 6] = fd, -fd
-    return Measurement(np.array([-fn, -fe]), H, np.eye(2) * LEVELLING_SIGMA_MPS2**2)
-
-
-def set_block(eskf: Eskf, where: slice, variances: list[float]) -> None:
-    """Make some errors known so well, and independent of all others."""
-    P = eskf.P.copy()
-    P[where, :] = P[:, where] = 0.0
-    P[where, where] = np.diag(variances)
-    eskf.P = P
+    H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
+    return Measurement(np.array([-fn, -fe]), H, np.eye(2) * variance)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:

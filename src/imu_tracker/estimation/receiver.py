@@ -56,6 +56,9 @@ VELOCITY_LASTS_S: Final = 4.0
 """Errors of a Doppler velocity are the satellites' and the filter's, and last so
 long: velocities of so many seconds are one."""
 
+ACCEL_OVER_S: Final = 0.8
+"""Over less than about a second a velocity's noise passes for acceleration."""
+
 LEARNING_S: Final = 30.0
 NOISE_LEARNING_S: Final = 8.0
 """How fast trust follows the innovations."""
@@ -82,6 +85,8 @@ class ReceiverModel:
     ----------
     period_s : float
         Between fixes.
+    accel_mps2 : float or None
+        Change of its velocity within the last second or so; None: it tells no velocity.
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
@@ -94,7 +99,9 @@ class ReceiverModel:
         self.velocity_var = VELOCITY_START_MPS**2
         self.nis_level = 1.0
         self.is_resting = False
+        self.accel_mps2: float | None = None
         self._fix_ns: int | None = None
+        self._vel: tuple[int, float, float] | None = None
 
     @property
     def votes(self) -> float:
@@ -102,13 +109,23 @@ class ReceiverModel:
         lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
         return max(1.0, lasts_s / self.period_s)
 
-    def observe_period(self, fix: GpsFix) -> None:
-        """Learn how often fixes come."""
+    def observe(self, fix: GpsFix) -> None:
+        """Learn how often fixes come, and how their velocity changes."""
         if self._fix_ns is not None:
             period_s = (fix.t_ns - self._fix_ns) * 1e-9
             if 0.0 < period_s < 10.0:
                 self.period_s += 0.1 * (period_s - self.period_s)
         self._fix_ns = fix.t_ns
+        if fix.vel_ne_mps is None:
+            self.accel_mps2 = self._vel = None
+            return
+        now = (fix.t_ns, *fix.vel_ne_mps)
+        if self._vel is None:
+            self._vel = now
+        dt_s = (now[0] - self._vel[0]) * 1e-9
+        if dt_s > ACCEL_OVER_S:
+            change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
+            self.accel_mps2, self._vel = change_mps / dt_s, now
 
     def lasting_var(self, fix: GpsFix) -> float:
         """Variance of the lasting part of the error."""
