@@ -81,13 +81,14 @@ _Biases = Annotated[tuple[_Bias, _Bias, _Bias], BeforeValidator(_tuple)]
 _BiasSigmas = Annotated[
     tuple[_BiasSigma, _BiasSigma, _BiasSigma], BeforeValidator(_tuple)
 ]
-_TurnComponent = Annotated[float, _within(0.2)]
-_TurnSigma = Annotated[float, _sigma(0.2)]
-_TurnError = Annotated[
-    tuple[_TurnComponent, _TurnComponent, _TurnComponent], BeforeValidator(_tuple)
+_Gain = Annotated[float, _within(0.2)]
+_GyroGain = Annotated[
+    tuple[_Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain],
+    BeforeValidator(_tuple),
 ]
-_TurnErrorSigma = Annotated[
-    tuple[_TurnSigma, _TurnSigma, _TurnSigma], BeforeValidator(_tuple)
+_Of = Annotated[float, _sigma(0.2)]
+_GyroGainSigma = Annotated[
+    tuple[_Of, _Of, _Of, _Of, _Of, _Of, _Of, _Of, _Of], BeforeValidator(_tuple)
 ]
 _MountSigma = Annotated[float, Field(ge=0, le=10)]  # zero: there is no mounting
 _Vibration = Annotated[float, Field(ge=1e-6, le=1000.0)]
@@ -123,8 +124,8 @@ class LearntPart(_Part):
     gyro_bias_sigma_radps: _BiasSigmas
     accel_bias_mps2: _Biases
     accel_bias_sigma_mps2: _BiasSigmas
-    turn_error_b: _TurnError
-    turn_error_sigma: _TurnErrorSigma
+    gyro_gain: _GyroGain
+    gyro_gain_sigma: _GyroGainSigma
     q_vb: _Quat | None
     mounting_sigma_rad: Annotated[
         tuple[_MountSigma, _MountSigma], BeforeValidator(_tuple)

@@ -1,4 +1,4 @@
-"""The 25 errors of the error-state filter, and how they grow.
+"""The 31 errors of the error-state filter, and how they grow.
 
 An error is what must be added to the estimate to make it true. The attitude's is a
 small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. What
@@ -31,9 +31,9 @@ RECEIVER: Final = slice(17, 19)  # lasting error of the receiver, NE, m
 DELAY: Final = 19  # fixes describe this much later than assumed, s
 VELOCITY_DELAY: Final = 20  # the same of their velocities
 DELAYS: Final = slice(19, 21)
-TURN_ERROR: Final = slice(21, 24)  # missed by the gyro per turn about down, body axes
-AXLE: Final = 24  # from the rear axle forward to the box, m
-N_ERRORS: Final = 25
+GYRO_GAIN: Final = slice(21, 30)  # M, column by column: true rate = (I + M) gyro
+AXLE: Final = 30  # from the rear axle forward to the box, m
+N_ERRORS: Final = 31
 
 
 class NoiseLevel(NamedTuple):
@@ -83,9 +83,13 @@ START_SIGMA: Final = (
     (ACCEL_BIAS, 0.4),  # PS-MPU-6000A section 6.2: 50, 50, 80 mg
     (slice(DELAY, DELAY + 1), 0.4),  # receivers: 0.05 to 1.2 s
     (slice(VELOCITY_DELAY, VELOCITY_DELAY + 1), 0.4),
-    (TURN_ERROR, 0.015),  # 6.1: 3 % tolerance of scale, 2 % across the axes
+    (GYRO_GAIN, 0.01),  # 6.1: 2 % across the axes; 3 % of scale, see below
     (slice(AXLE, AXLE + 1), 1.0),  # boot to dashboard
 )
+
+SCALES: Final = range(GYRO_GAIN.start, GYRO_GAIN.stop, 4)
+SCALE_SIGMA: Final = 0.015
+"""Of each axis of the gyro, PS-MPU-6000A section 6.1: 3 % tolerance."""
 
 MOUNT_SIGMA_RAD: Final = math.radians(8.0)
 """By hand and eye; larger angles are the coarse stage's."""
@@ -103,12 +107,13 @@ def start_covariance(*, is_vehicle: bool) -> Array:
     for where, sigma in START_SIGMA:
         for i in range(where.start, where.stop):
             P[i, i] = sigma**2
+    P[SCALES, SCALES] = SCALE_SIGMA**2
     if is_vehicle:
         P[MOUNT_PITCH, MOUNT_PITCH] = P[MOUNT_YAW, MOUNT_YAW] = MOUNT_SIGMA_RAD**2
     return P
 
 
-def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_down_rad: float) -> Array:
+def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_n_rad: Vec3) -> Array:
     """Transition matrix F of the errors over a short stretch.
 
     Parameters
@@ -118,17 +123,17 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_down_rad: float) -> Arr
     dt_s : float
     dv_n : Vec3, m/s
         Integral of the specific force over the stretch, navigation axes.
-    turn_down_rad : float
-        Angle turned about down.
+    turn_n_rad : Vec3, navigation axes
+        Angle turned over the stretch.
 
     Returns
     -------
-    F : ndarray, shape (25, 25)
+    F : ndarray, shape (31, 31)
 
     Notes
     -----
     v' = v - [dv_n x] theta - C_nb b_a dt
-    theta' = theta - C_nb b_g dt + C_nb m turn_down
+    theta' = theta - C_nb b_g dt + C_nb M turn_b
     p' = p + v dt, and half a stretch of each change of v.
     The receiver's error decays: b_r' = exp(-dt / tau) b_r.
     Source: Sola 2017, arXiv:1711.02508, section 7 (global angular errors).
@@ -143,7 +148,7 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_down_rad: float) -> Arr
     F[0:3, 6:15] = (0.5 * dt_s) * F[3:6, 6:15]
     F[0, 3] = F[1, 4] = F[2, 5] = dt_s
     F[6:9, 9:12] = -C_dt
-    F[6:9, TURN_ERROR] = C_nb * turn_down_rad
+    F[6:9, GYRO_GAIN] = np.kron(turn_n_rad @ C_nb, C_nb)
     F[17, 17] = F[18, 18] = math.exp(-dt_s / RECEIVER_CORRELATION_S)
     return F
 

@@ -304,7 +304,7 @@ class ErrorState:
             "accel_bias_mps2": list(eskf.accel_bias_mps2),
             "accel_bias_sigma_mps2": [eskf.sigma(i) for i in range(12, 15)],
             "yaw_sigma_deg": math.degrees(eskf.sigma(8)),
-            "turn_error": list(eskf.turn_error_b),
+            "gyro_gain": list(eskf.gyro_gain),
             "axle_m": eskf.axle_m,
             "delay_s": eskf.delay_s + self._shift_ns * 1e-9,
             "delay_sigma_s": eskf.sigma(DELAY),

@@ -7,7 +7,8 @@ decided elsewhere.
 
 import math
 from copy import copy
-from typing import Final, NamedTuple
+from operator import add
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -20,6 +21,7 @@ from imu_tracker.estimation.error_model import (
     AXLE,
     DELAY,
     DELAYS,
+    GYRO_GAIN,
     GYRO_NOISE_PSD,
     MOUNT_PITCH,
     MOUNT_YAW,
@@ -27,7 +29,6 @@ from imu_tracker.estimation.error_model import (
     N_ERRORS,
     SHAKEN_S,
     TILT,
-    TURN_ERROR,
     VELOCITY_DELAY,
     Array,
     NoiseLevel,
@@ -60,11 +61,17 @@ _DOUBTED_TILT_RAD: Final = math.radians(3.0)  # half a m/s^2 taken for gravity
 _SHAKING_MEMORY_S: Final = 1.0  # roads change within a second, not within a step
 
 
+GyroGain: TypeAlias = tuple[
+    float, float, float, float, float, float, float, float, float
+]
+NO_GAIN: Final[GyroGain] = (0.0,) * 9
+
+
 class Measurement(NamedTuple):
     """An innovation `z = H errors + noise(R)`."""
 
     z: Array  # shape (m,)
-    H: Array  # shape (m, 25)
+    H: Array  # shape (m, 31)
     R: Array  # shape (m, m)
 
 
@@ -96,11 +103,10 @@ class Eskf:
         Lasting error of the receiver.
     delay_s, velocity_delay_s : float
         A fix describes so much later than its nominal instant.
-    turn_error_b : Vec3, body axes
-        What the gyro misses per radian turned about down: its scale and what crosses
-        over to the other axes.
+    gyro_gain : tuple of 9 floats
+        What the gyro misses of a rate, M column by column: scale, and what crosses over.
     axle_m : float
-    P : ndarray, shape (25, 25)
+    P : ndarray, shape (31, 31)
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -117,7 +123,7 @@ class Eskf:
         self.receiver_ne_m = (0.0, 0.0)
         self.receiver_var = 4.0
         self.delay_s = self.velocity_delay_s = 0.0
-        self.turn_error_b: Vec3 = _ZERO
+        self.gyro_gain: GyroGain = NO_GAIN
         self.axle_m = START_AXLE_M
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
         self.rate_n: Vec3 = _ZERO
@@ -171,8 +177,7 @@ class Eskf:
         Notes
         -----
         v' = v + C_nb (dv_b - b_a dt) + g dt, p' = p + (v + v') / 2 dt,
-        q' = q exp(turn_b + m turn_down), turn_b = dtheta_b - b_g dt and turn_down its
-        part about down.
+        q' = q exp((I + M) (dtheta_b - b_g dt)).
         """
         dt = step.dt_s
         _, (pn, pe, pd), (vn, ve, vd), q_nb = start
@@ -190,15 +195,7 @@ class Eskf:
             pe + (ve + 0.5 * dve) * dt,
             pd + vd * dt + dvd * half,
         )
-        x, y, z = turn_b = self._turn_b(step)
-        turn_down = rotate(q_nb, turn_b)[2]
-        mx, my, mz = self.turn_error_b
-        q_nb = multiply(
-            q_nb,
-            from_rotation_vector(
-                (x + mx * turn_down, y + my * turn_down, z + mz * turn_down)
-            ),
-        )
+        q_nb = multiply(q_nb, from_rotation_vector(self._turn_b(step)))
         return Nominal(step.t_ns, p_n, (vn + dvn, ve + dve, vd + dvd), normalise(q_nb))
 
     def _force(self, q_nb: Quat, step: ImuStep) -> Vec3:
@@ -207,7 +204,13 @@ class Eskf:
 
     def _turn_b(self, step: ImuStep) -> Vec3:
         (x, y, z), (bx, by, bz), dt = step.dtheta_b_rad, self.gyro_bias_radps, step.dt_s
-        return (x - bx * dt, y - by * dt, z - bz * dt)
+        x, y, z = x - bx * dt, y - by * dt, z - bz * dt
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = self.gyro_gain
+        return (
+            x + xx * x + xy * y + xz * z,
+            y + yx * x + yy * y + yz * z,
+            z + zx * x + zy * y + zz * z,
+        )
 
     def propagate(self, step: ImuStep, *, use_force: bool) -> None:
         """Move the solution on by a step, and remember what the errors need."""
@@ -267,11 +270,11 @@ class Eskf:
         """Keep the attitude, but doubt it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         tilt_var = max(_DOUBTED_TILT_RAD**2, *self._kf.P.diagonal()[TILT])
-        for where in (ACCEL_BIAS, MOUNTING, TURN_ERROR, AXLE):
+        for where in (ACCEL_BIAS, MOUNTING, GYRO_GAIN, AXLE):
             self.set_variances(where, fresh[where])
         self.set_variances(ATTITUDE, [tilt_var, tilt_var, yaw_sigma_rad**2])
         self.accel_bias_mps2 = _ZERO
-        self.turn_error_b, self.axle_m = _ZERO, START_AXLE_M
+        self.gyro_gain, self.axle_m = NO_GAIN, START_AXLE_M
 
     def predict(self, *, use_force: bool, unknown_accel_psd: float = 0.0) -> None:
         """Let the errors grow over the stretch since the last prediction."""
@@ -285,7 +288,7 @@ class Eskf:
         accel_psd = ACCEL_NOISE_PSD + (
             level.accel_share**2 * self._accel_scatter_var * SHAKEN_S
         )
-        F = transition(self.nominal.q_nb, dt, self._dv_n, self._turn_n[2])
+        F = transition(self.nominal.q_nb, dt, self._dv_n, self._turn_n)
         if not use_force:
             F[0:6, 6:15] = 0.0
         Q = process_noise(
@@ -336,8 +339,8 @@ class Eskf:
         self.receiver_ne_m = (north + e[17], east + e[18])
         self.delay_s += e[DELAY]
         self.velocity_delay_s += e[VELOCITY_DELAY]
-        mx, my, mz = self.turn_error_b
-        self.turn_error_b = (mx + e[21], my + e[22], mz + e[23])
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = map(add, self.gyro_gain, e[GYRO_GAIN])
+        self.gyro_gain = (xx, yx, zx, xy, yy, zy, xz, yz, zz)
         self.axle_m += e[AXLE]
 
     def C_vn(self) -> Array:

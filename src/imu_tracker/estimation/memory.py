@@ -18,14 +18,14 @@ from imu_tracker.estimation.error_model import (
     DELAY,
     GYRO_BIAS,
     GYRO_DRIFT_PSD,
+    GYRO_GAIN,
     MOUNT_DRIFT_PSD,
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
-    TURN_ERROR,
     VELOCITY_DELAY,
 )
-from imu_tracker.estimation.eskf import Eskf, Measurement
+from imu_tracker.estimation.eskf import Eskf, GyroGain, Measurement
 from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.rotation import conjugate, rotate
 from imu_tracker.estimation.standstill import Levels
@@ -50,7 +50,7 @@ MOUNT_MOST_RAD: Final = math.radians(1.5)
 DELAY_GROWTH_S: Final = 0.05
 """A receiver begins anew with a filter of its own."""
 
-TURN_ERROR_GROWTH: Final = 0.003
+GYRO_GAIN_GROWTH: Final = 0.003
 """Section 6.1: 2 % over 125 K."""
 
 AXLE_GROWTH_M: Final = 0.3
@@ -89,8 +89,8 @@ class Learnt(NamedTuple):
     gyro_bias_sigma_radps: Vec3
     accel_bias_mps2: Vec3
     accel_bias_sigma_mps2: Vec3
-    turn_error_b: Vec3
-    turn_error_sigma: Vec3
+    gyro_gain: GyroGain
+    gyro_gain_sigma: GyroGain
     q_vb: Quat | None  # None: nothing that has a mounting
     mounting_sigma_rad: tuple[float, float]  # pitch, yaw
     axle_m: float
@@ -116,7 +116,8 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
     """Collect what outlasts a run; `shift_s` is the delay that was folded away."""
     gx, gy, gz = (eskf.sigma(i) for i in range(GYRO_BIAS.start, GYRO_BIAS.stop))
     ax, ay, az = (eskf.sigma(i) for i in range(ACCEL_BIAS.start, ACCEL_BIAS.stop))
-    mx, my, mz = (eskf.sigma(i) for i in range(TURN_ERROR.start, TURN_ERROR.stop))
+    gain = (eskf.sigma(i) for i in range(GYRO_GAIN.start, GYRO_GAIN.stop))
+    xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
     return Learnt(
         profile=profile,
         noise_level=noise_level,
@@ -124,8 +125,8 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
         gyro_bias_sigma_radps=(gx, gy, gz),
         accel_bias_mps2=eskf.accel_bias_mps2,
         accel_bias_sigma_mps2=(ax, ay, az),
-        turn_error_b=eskf.turn_error_b,
-        turn_error_sigma=(mx, my, mz),
+        gyro_gain=eskf.gyro_gain,
+        gyro_gain_sigma=(xx, yx, zx, xy, yy, zy, xz, yz, zz),
         q_vb=eskf.q_vb if profile == "vehicle" else None,
         mounting_sigma_rad=(eskf.sigma(MOUNT_PITCH), eskf.sigma(MOUNT_YAW)),
         axle_m=eskf.axle_m,
@@ -159,15 +160,15 @@ def grown(learnt: Learnt, since: Since) -> Learnt:
     )
     gx, gy, gz = learnt.gyro_bias_sigma_radps
     ax, ay, az = learnt.accel_bias_sigma_mps2
-    mx, my, mz = learnt.turn_error_sigma
-    turn = TURN_ERROR_GROWTH
+    gain = (math.hypot(sigma, GYRO_GAIN_GROWTH) for sigma in learnt.gyro_gain_sigma)
+    xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
     pitch, yaw = learnt.mounting_sigma_rad
     hypot = math.hypot
     return learnt._replace(
         gyro_bias_sigma_radps=(hypot(gx, gyro), hypot(gy, gyro), hypot(gz, gyro)),
         accel_bias_sigma_mps2=(hypot(ax, accel), hypot(ay, accel), hypot(az, accel)),
         mounting_sigma_rad=(hypot(pitch, mounting), hypot(yaw, mounting)),
-        turn_error_sigma=(hypot(mx, turn), hypot(my, turn), hypot(mz, turn)),
+        gyro_gain_sigma=(xx, yx, zx, xy, yy, zy, xz, yz, zz),
         axle_sigma_m=hypot(learnt.axle_sigma_m, AXLE_GROWTH_M),
         latency_sigma_s=hypot(learnt.latency_sigma_s, DELAY_GROWTH_S),
         velocity_latency_sigma_s=hypot(learnt.velocity_latency_sigma_s, DELAY_GROWTH_S),
@@ -185,7 +186,7 @@ def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
     """
     where = [
         *range(GYRO_BIAS.start, ACCEL_BIAS.stop),
-        *range(TURN_ERROR.start, TURN_ERROR.stop),
+        *range(GYRO_GAIN.start, GYRO_GAIN.stop),
     ]
     H = np.zeros((len(where), N_ERRORS))
     H[range(len(where)), where] = 1.0
@@ -193,13 +194,13 @@ def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
         [
             *np.subtract(learnt.gyro_bias_radps, eskf.gyro_bias_radps),
             *np.subtract(learnt.accel_bias_mps2, eskf.accel_bias_mps2),
-            *np.subtract(learnt.turn_error_b, eskf.turn_error_b),
+            *np.subtract(learnt.gyro_gain, eskf.gyro_gain),
         ]
     )
     sigmas = (
         *learnt.gyro_bias_sigma_radps,
         *learnt.accel_bias_sigma_mps2,
-        *learnt.turn_error_sigma,
+        *learnt.gyro_gain_sigma,
     )
     eskf.apply(Measurement(z, H, np.diag(np.square(sigmas))))
     if takes_mounting and learnt.q_vb is not None:

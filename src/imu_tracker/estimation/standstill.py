@@ -29,7 +29,12 @@ START_ACCEL_STD_MPS2: Final = 0.15
 LEARNING_SHARE: Final = 0.05
 """What a fix adds to a level: some twenty fixes tell a vehicle from another."""
 
-FLOOR_FACTOR: Final = 0.5
+QUIETER_SHARE: Final = 0.3
+LOUDER_SHARE: Final = 0.01
+"""The same where it moves more quietly, or louder, than it did: what must be told from
+rest is the slow and smooth, not the mean of all roads."""
+
+FLOOR_FACTOR: Final = 0.25
 CEILING_FACTOR: Final = 2.5
 """How far learning may move a threshold from its start value."""
 
@@ -37,6 +42,12 @@ _LATEST_STEPS: Final = 5
 LEAVING_RADPS: Final = math.radians(0.5)
 LEAVING_MPS2: Final = 0.2
 """Mean of the latest fifth of a second against the window's."""
+
+PULLING_MPS2: Final = 0.1
+PULLING_AFTER_S: Final = 5.0
+REFERENCE_S: Final = 30.0
+"""The mean force of a rest so long does not change until it goes: a tram pulls off by
+0.2 m/s^2 and shakes no more than before. Who gets in tips a car by 0.05."""
 
 MAX_BIAS_DEVIATION_RADPS: Final = math.radians(1.0)
 """A slow turn is no rest: a roundabout at walking pace turns 5 deg/s."""
@@ -48,6 +59,8 @@ itself, 9.78 to 9.83."""
 
 MOVING_MPS: Final = 0.7
 """Speed of a receiver above which it contradicts rest; parked ones show up to this."""
+
+SURELY_MOVING_MPS: Final = 1.4
 
 
 STANDING_MPS: Final = 0.3
@@ -75,9 +88,10 @@ class StandstillDetector:
 
     Notes
     -----
-    Levels of vibration are kept for rest and for motion, each told by the receiver's
-    speed; the threshold lies at their geometric mean, within a factor of the start
-    value. One sum is kept per quantity, so that a step costs the same at any window.
+    Levels of vibration are kept for rest and for the quietest motion, each told by the
+    receiver's speed; the threshold lies at their geometric mean, within a factor of the
+    start value. A rest ends when its mean force changes, and none is claimed with another
+    one until something has shaken. One sum is kept per quantity, so that a step costs the same at any window.
 
     Parameters
     ----------
@@ -94,7 +108,8 @@ class StandstillDetector:
         self._speed_ns = 0
         self._vetoed_until_ns = 0
         self._log_levels: dict[bool, tuple[float, float]] = {}
-        self._n_slow = 0
+        self._n_slow = self._n_moving = 0
+        self._force: tuple[Vec3, float] | None = None  # of a rest, and its duration
         self._gyro_std = self._accel_std = math.inf
         self.gyro_threshold_radps = START_GYRO_STD_RADPS
         self.accel_threshold_mps2 = START_ACCEL_STD_MPS2
@@ -105,7 +120,9 @@ class StandstillDetector:
         self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
         if not math.isfinite(self._gyro_std):
             return
-        is_moving = speed_mps > 4.0 * MOVING_MPS
+        # Of a car that pulls off the first window is half at rest.
+        self._n_moving = self._n_moving + 1 if speed_mps > SURELY_MOVING_MPS else 0
+        is_moving = self._n_moving > 1
         if not is_moving and speed_mps > STANDING_MPS:
             return  # neither surely at rest nor surely moving
         now = (
@@ -113,10 +130,11 @@ class StandstillDetector:
             math.log(max(self._accel_std, 1e-6)),
         )
         old = self._log_levels.get(is_moving, now)
-        self._log_levels[is_moving] = (
-            old[0] + LEARNING_SHARE * (now[0] - old[0]),
-            old[1] + LEARNING_SHARE * (now[1] - old[1]),
+        gyro, accel = (
+            b + _share(is_quieter=a < b, is_moving=is_moving) * (a - b)
+            for a, b in zip(now, old, strict=True)
         )
+        self._log_levels[is_moving] = gyro, accel
         self._set_thresholds()
 
     @property
@@ -183,9 +201,15 @@ class StandstillDetector:
         accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
         deviation = math.dist(gyro, gyro_bias_radps)
         agreed = AGREED_FACTOR if self._receiver_rests(step.t_ns) else 1.0
+        is_shaking = (
+            self._gyro_std > self.gyro_threshold_radps * agreed
+            or self._accel_std > self.accel_threshold_mps2 * agreed
+        )
+        if is_shaking or agreed > 1.0:
+            self._force = None
         is_quiet = (
-            self._gyro_std < self.gyro_threshold_radps * agreed
-            and self._accel_std < self.accel_threshold_mps2 * agreed
+            not is_shaking
+            and not self._is_pulling(accel)
             and deviation < MAX_BIAS_DEVIATION_RADPS + 3.0 * gyro_bias_sigma_radps
             and abs(math.hypot(*accel) - GRAVITY_MPS2) < MAX_GRAVITY_DEVIATION_MPS2
             and not self._is_leaving(gyro, accel)
@@ -196,6 +220,7 @@ class StandstillDetector:
         if self._rest_since_ns is None:
             self._rest_since_ns = step.t_ns
         duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
+        self._remember_force(accel, step.dt_s)
         return Rest(gyro, accel, duration_s) if duration_s >= CONFIRM_S else None
 
     def _slide(self, step: ImuStep) -> None:
@@ -225,6 +250,22 @@ class StandstillDetector:
             or math.dist(accel_sums, accel) > LEAVING_MPS2
         )
 
+    def _is_pulling(self, accel: Vec3) -> bool:
+        """Whether the force is no longer that of the rest before."""
+        if self._force is None:
+            return False
+        force, lasted_s = self._force
+        return lasted_s > PULLING_AFTER_S and math.dist(force, accel) > PULLING_MPS2
+
+    def _remember_force(self, accel: Vec3, dt_s: float) -> None:
+        """Average the force of a rest."""
+        (x, y, z), lasted_s = (accel, 0.0) if self._force is None else self._force
+        lasted_s = min(lasted_s + dt_s, REFERENCE_S)
+        share = dt_s / lasted_s
+        ax, ay, az = accel
+        mean = (x + share * (ax - x), y + share * (ay - y), z + share * (az - z))
+        self._force = mean, lasted_s
+
     def _receiver_rests(self, t_ns: int) -> bool:
         """Whether the receiver has said for some time that the body stands."""
         return (
@@ -243,6 +284,12 @@ class StandstillDetector:
         # Without a receiver a smooth motorway or a train is told from a stop only by
         # the speed that the filter still remembers.
         return speed_mps > 1.0 + 3.0 * speed_sigma_mps
+
+
+def _share(*, is_moving: bool, is_quieter: bool) -> float:
+    if not is_moving:
+        return LEARNING_SHARE
+    return QUIETER_SHARE if is_quieter else LOUDER_SHARE
 
 
 def _limit(value: float, start: float) -> float:
