@@ -126,6 +126,7 @@ class Eskf:
         self.gyro_gain: GyroGain = NO_GAIN
         self.axle_m = START_AXLE_M
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
+        self.mean_a_n: Vec3 = _ZERO  # of the last second
         self.rate_n: Vec3 = _ZERO
         self._dt = 0.0
         self._dv_n: Vec3 = _ZERO
@@ -305,6 +306,13 @@ class Eskf:
         (x, y, z), (tx, ty, tz) = self._dv_n, self._turn_n
         self.a_n = (x / dt, y / dt, z / dt + self.gravity_mps2)
         self.rate_n = (tx / dt, ty / dt, tz / dt)
+        share = min(dt / _SHAKING_MEMORY_S, 1.0)
+        (mx, my, mz), (ax, ay, az) = self.mean_a_n, self.a_n
+        self.mean_a_n = (
+            mx + share * (ax - mx),
+            my + share * (ay - my),
+            mz + share * (az - mz),
+        )
         self._dt, self._dv_n, self._turn_n = 0.0, _ZERO, _ZERO
 
     def innovation_covariance(self, measured: Measurement) -> Array:

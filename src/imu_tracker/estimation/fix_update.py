@@ -193,7 +193,9 @@ class FixUpdate:
             if eskf is self._bank.main and is_aligned:
                 self._is_lost = self._watch.observe(
                     *(fix.t_ns, seen, receiver.velocity_var),
-                    *(self._carrier.unknown_accel_psd, velocity.z, S),
+                    receiver.accel_mps2 or 0.0,
+                    *(self._carrier.unknown_accel_psd, velocity.z),
+                    S - velocity.R * (1.0 - 1.0 / receiver.velocity_votes),
                 )
             is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
             if eskf is self._bank.main and is_tracking:

@@ -20,6 +20,7 @@ from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.estimation.noise_bank import NoiseBank
 from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.estimation.road import Road
 from imu_tracker.estimation.rotation import matrix
 from imu_tracker.estimation.standstill import Rest
 
@@ -75,6 +76,7 @@ class Propagation:
         self.rest: Rest | None = None
         self.dark_s = 0.0
         self.own_accel_mps2: float | None = None
+        self.road = Road()
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
@@ -160,6 +162,9 @@ class Propagation:
         alignment, rest = self._alignment, self.rest
         if not alignment.is_level:
             return
+        road = self.road
+        if alignment.is_aligned and is_weak_due and self.dark_s < DARK_AFTER_S:
+            road.observe(self._bank.main, WEAK_PERIOD_S)
         for eskf in self._bank.filters:
             if rest is not None:
                 eskf.apply(vehicle.rest(eskf, rest, period_s))
@@ -169,8 +174,9 @@ class Propagation:
             elif self._carrier.is_vehicle:
                 eskf.apply(vehicle.no_side_slip(eskf, period_s))
                 if is_weak_due and self.dark_s > DARK_AFTER_S:
-                    eskf.apply(vehicle.level_road(eskf, WEAK_PERIOD_S))
-                    eskf.apply(vehicle.unhurried(eskf, WEAK_PERIOD_S))
+                    slope, haste = road.slope_sigma_rad, road.forward_sigma_mps2
+                    eskf.apply(vehicle.level_road(eskf, slope, WEAK_PERIOD_S))
+                    eskf.apply(vehicle.unhurried(eskf, haste, WEAK_PERIOD_S))
         if alignment.agnostic is not None:
             if rest is not None:
                 alignment.agnostic.apply(

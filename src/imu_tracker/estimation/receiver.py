@@ -109,6 +109,11 @@ class ReceiverModel:
         lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
         return max(1.0, lasts_s / self.period_s)
 
+    @property
+    def velocity_votes(self) -> float:
+        """Velocities that count as one."""
+        return max(1.0, VELOCITY_LASTS_S / self.period_s)
+
     def observe(self, fix: GpsFix) -> None:
         """Learn how often fixes come, and how their velocity changes."""
         if self._fix_ns is not None:
@@ -184,8 +189,7 @@ class ReceiverModel:
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         H[:, VELOCITY_DELAY] = (an, ae)
-        votes = max(1.0, VELOCITY_LASTS_S / self.period_s)
-        return Measurement(z, H, np.eye(2) * (self.velocity_var * votes))
+        return Measurement(z, H, np.eye(2) * (self.velocity_var * self.velocity_votes))
 
     def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:
         """Height, or without one a vertical velocity of about zero.

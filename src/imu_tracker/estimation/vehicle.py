@@ -54,14 +54,9 @@ GENTLE_STOP_S: Final = 2.0
 """Who stops gently is quiet before he stands: speed that may be left, and how fast it
 fades. After a minute in the dark each metre per second of it is worth thirty metres."""
 
-SLOPE_SIGMA_RAD: Final = math.radians(5.0)
 SLOPE_LASTS_S: Final = 10.0
-"""Roads: a mountain pass of 8 deg lies within two sigmas; a slope lasts 150 m."""
-
-FORWARD_SIGMA_MPS2: Final = 1.0
 FORWARD_LASTS_S: Final = 5.0
-"""Own forward acceleration of a road vehicle, and how long it is held: the cycles by
-which consumption is measured have 0.7 rms, brisk driving half more."""
+"""A slope lasts 150 m; braking and speeding up end after some seconds."""
 
 
 def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
@@ -111,8 +106,8 @@ def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
     return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
 
 
-def level_road(eskf: Eskf, period_s: float) -> Measurement:
-    """Roads are nearly level: the vehicle's pitch is 0 within a mountain pass.
+def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
+    """Roads are nearly level: the vehicle's pitch is 0, as steep as roads are here.
 
     Notes
     -----
@@ -128,11 +123,11 @@ def level_road(eskf: Eskf, period_s: float) -> Measurement:
     H[0, MOUNT_YAW] = -C_vn[1, 2]
     z = np.array([-C_vn[0, 2]])
     votes = max(1.0, SLOPE_LASTS_S / period_s)
-    return Measurement(z, H, np.array([[votes * SLOPE_SIGMA_RAD**2]]))
+    return Measurement(z, H, np.array([[votes * sigma_rad**2]]))
 
 
-def unhurried(eskf: Eskf, period_s: float) -> Measurement:
-    """Own forward acceleration is small in the mean.
+def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
+    """Own forward acceleration of the last second is small in the mean.
 
     Notes
     -----
@@ -140,13 +135,14 @@ def unhurried(eskf: Eskf, period_s: float) -> Measurement:
     """
     C_vn = eskf.C_vn()
     ahead = C_vn[0]
-    f_n = (eskf.a_n[0], eskf.a_n[1], eskf.a_n[2] - eskf.gravity_mps2)
+    an, ae, ad = eskf.mean_a_n
+    f_n = (an, ae, ad - eskf.gravity_mps2)
     H = np.zeros((1, N_ERRORS))
     H[0, ATTITUDE] = -(ahead @ skew(f_n))
     H[0, ACCEL_BIAS] = -(ahead @ matrix(eskf.nominal.q_nb))
-    z = np.array([-float(ahead @ np.array(eskf.a_n))])
+    z = np.array([-float(ahead @ np.array(eskf.mean_a_n))])
     votes = max(1.0, FORWARD_LASTS_S / period_s)
-    return Measurement(z, H, np.array([[votes * FORWARD_SIGMA_MPS2**2]]))
+    return Measurement(z, H, np.array([[votes * sigma_mps2**2]]))
 
 
 def softened(eskf: Eskf, measured: Measurement) -> Measurement:
