@@ -38,6 +38,10 @@ FLOOR_FACTOR: Final = 0.25
 CEILING_FACTOR: Final = 2.5
 """How far learning may move a threshold from its start value."""
 
+_LOG_WAVERING: Final = math.log(1.25)
+"""A level at rest wavers by so much. An idling engine may shake more than a smooth road:
+what does not tell the two apart must not forbid rest either; the other sensor tells."""
+
 _LATEST_STEPS: Final = 5
 LEAVING_RADPS: Final = math.radians(0.5)
 LEAVING_MPS2: Final = 0.2
@@ -156,12 +160,14 @@ class StandstillDetector:
     def _set_thresholds(self) -> None:
         """Put them between rest and motion, once both are known."""
         if len(self._log_levels) == 2:
-            means = [
-                math.exp(0.5 * (a + b))
-                for a, b in zip(*self._log_levels.values(), strict=True)
-            ]
-            self.gyro_threshold_radps = _limit(means[0], START_GYRO_STD_RADPS)
-            self.accel_threshold_mps2 = _limit(means[1], START_ACCEL_STD_MPS2)
+            gyro, accel = (
+                math.exp(max(0.5 * (rest + moving), rest + _LOG_WAVERING))
+                for rest, moving in zip(
+                    self._log_levels[False], self._log_levels[True], strict=True
+                )
+            )
+            self.gyro_threshold_radps = _limit(gyro, START_GYRO_STD_RADPS)
+            self.accel_threshold_mps2 = _limit(accel, START_ACCEL_STD_MPS2)
 
     def veto(self, until_ns: int) -> None:
         """Refuse rest until then: something else says that the body moves."""
