@@ -251,7 +251,7 @@ class Alignment:
             None if fix.vel_ne_mps is None else np.array(fix.vel_ne_mps),
             receiver.velocity_var + BANK_VELOCITY_VAR,
             max(0.1, eskf.sigma(VELOCITY_DELAY)) ** 2,
-            max(levelled.P[6, 6], levelled.P[7, 7]),
+            levelled.level_accel_var,
             max(levelled.P.diagonal()[GYRO_BIAS].tolist()),
         )
         yaw_rad, sigma_rad = yaw_bank.answer()

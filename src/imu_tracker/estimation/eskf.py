@@ -33,6 +33,7 @@ from imu_tracker.estimation.error_model import (
     Array,
     NoiseLevel,
     process_noise,
+    skew,
     start_covariance,
     transition,
 )
@@ -164,6 +165,20 @@ class Eskf:
         self._is_vehicle = is_vehicle
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         self.set_variances(MOUNTING, fresh[MOUNTING])
+
+    @property
+    def level_accel_var(self) -> float:
+        """Variance per axis of the level acceleration at rest, (m/s^2)^2.
+
+        Notes
+        -----
+        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its tilt
+        from its bias, but knows well what they do together.
+        """
+        H = np.zeros((2, N_ERRORS))
+        H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
+        H[:, ACCEL_BIAS] = -matrix(self.nominal.q_nb)[:2]
+        return 0.5 * float(np.trace(H @ self._kf.P @ H.T))
 
     @property
     def accel_std_mps2(self) -> float:

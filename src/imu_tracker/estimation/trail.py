@@ -10,12 +10,9 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Final
 
-import numpy as np
-
-from imu_tracker.estimation.error_model import ACCEL_BIAS, ATTITUDE, N_ERRORS, skew
 from imu_tracker.estimation.eskf import Eskf, Nominal
 from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.rotation import matrix, rotate
+from imu_tracker.estimation.rotation import rotate
 from imu_tracker.estimation.standstill import Rest
 from imu_tracker.samples import Vec3
 
@@ -86,10 +83,7 @@ class Trail:
         dvn, dve, _ = rotate(eskf.nominal.q_nb, self._sum_of_dv(step))
         time_s = step.dt_s + sum(later.dt_s for later, _ in self._waiting)
         bn, be, _ = rotate(eskf.nominal.q_nb, eskf.accel_bias_mps2)
-        H = np.zeros((2, N_ERRORS))
-        H[:, ATTITUDE] = skew((0.0, 0.0, eskf.gravity_mps2))[:2]
-        H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
-        sigma = time_s * math.sqrt(float(np.trace(H @ eskf.P @ H.T)))
+        sigma = time_s * math.sqrt(2.0 * eskf.level_accel_var)
         gained_mps = math.hypot(dvn - bn * time_s, dve - be * time_s)
         return gained_mps < PULLING_OFF_MPS + 3.0 * sigma
 

@@ -26,7 +26,10 @@ N_HYPOTHESES: Final = 12
 
 ACCEL_SIGMA_MPS2: Final = 0.3
 ACCEL_LASTS_S: Final = 1.0
-"""Error of the acceleration beside the tilt's: vibration, scale, bias."""
+"""Error of the acceleration beside that of the levelling: vibration, scale."""
+
+LEVELLING_LASTS_S: Final = 2.0
+"""An error of the levelling turns with the body: white over longer than that."""
 
 CONVERGED_SIGMA_RAD: Final = math.radians(15.0)
 
@@ -82,7 +85,7 @@ class YawBank:
         z_v: Array | None,
         velocity_var: float,
         delay_var: float,
-        tilt_var: float,
+        accel_var: float,
         rate_var: float,
     ) -> None:
         """Take a fix: predict over the time since the last one, and compare.
@@ -94,8 +97,8 @@ class YawBank:
         position_var, velocity_var : float
         delay_var : float, s^2
             Of the instant that the fix describes: accelerations are prompt.
-        tilt_var : float, rad^2
-            Of the attitude that the accelerations were levelled by.
+        accel_var : float, (m/s^2)^2
+            Of the level accelerations, per axis: what tilt and bias do together.
         rate_var : float, (rad/s)^2
             Of its gyro bias about down.
         """
@@ -106,7 +109,7 @@ class YawBank:
             return
         self.age_s += dt
         late_var = delay_var * float(dv @ dv)
-        self._predict(dt, dv, dp, tilt_var, rate_var)
+        self._predict(dt, dv, dp, accel_var, rate_var)
         self._compare(0, z_p, position_var + late_var)
         if z_v is not None:
             self._compare(2, z_v, velocity_var + late_var / max(dt, 0.1) ** 2)
@@ -130,7 +133,7 @@ class YawBank:
         )
 
     def _predict(
-        self, dt: float, dv: Array, dp: Array, tilt_var: float, rate_var: float
+        self, dt: float, dv: Array, dp: Array, accel_var: float, rate_var: float
     ) -> None:
         x, n = self._x, N_HYPOTHESES
         cosine, sine = np.cos(x[:, 4]), np.sin(x[:, 4])
@@ -142,7 +145,7 @@ class YawBank:
         F[:, 2:4, 4] = R_rate @ dv
         x[:, :2] += x[:, 2:4] * dt + R @ dp
         x[:, 2:4] += R @ dv
-        psd = ACCEL_SIGMA_MPS2**2 * ACCEL_LASTS_S + 2.0 * 9.81**2 * tilt_var
+        psd = ACCEL_SIGMA_MPS2**2 * ACCEL_LASTS_S + LEVELLING_LASTS_S * accel_var
         q = np.diag(
             [psd * dt**3 / 3.0] * 2 + [psd * dt] * 2 + [rate_var * dt * (dt + 2.0)]
         )
