@@ -13,7 +13,7 @@ from imu_tracker.state_file import Sensor, StateFile, read_state, write_state
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")
 LEARNT = Learnt(
     *("vehicle", 1, (0.01, -0.02, 0.003), (1e-3, 1e-3, 2e-3)),
-    *((0.1, -0.2, 0.05), (0.01, 0.01, 0.02), 0.001, 0.002),
+    *((0.1, -0.2, 0.05), (0.01, 0.01, 0.02), (0.001,) * 9, (0.002,) * 9),
     q_vb=(1.0, 0.0, 0.0, 0.0),
     mounting_sigma_rad=(0.004, 0.005),
     axle_m=1.2,

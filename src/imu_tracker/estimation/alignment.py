@@ -222,7 +222,7 @@ class Alignment:
         self._mind_reverse()
         self._ask_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._take_course(fix, receiver.period_s)
+            self._align(fix, receiver.period_s)
         elif self.is_memory_unproved and not self._bank.is_heading_trial:
             self._try_memory(fix)
 
@@ -252,14 +252,12 @@ class Alignment:
             receiver.velocity_var + BANK_VELOCITY_VAR,
             max(0.1, eskf.sigma(VELOCITY_DELAY)) ** 2,
             levelled.level_accel_var,
-            max(levelled.P.diagonal()[GYRO_BIAS].tolist()),
+            levelled.down_bias,
         )
-        yaw_rad, sigma_rad = yaw_bank.answer()
-        if not self.is_aligned:
-            if sigma_rad < CONVERGED_SIGMA_RAD:
-                self._take_yaw(yaw_rad, sigma_rad)
-        elif self._is_memory_tried or not self._bank.is_heading_trial:
-            self._hold_against(yaw_rad, sigma_rad)
+        if self.is_aligned and (
+            self._is_memory_tried or not self._bank.is_heading_trial
+        ):
+            self._hold_against(*yaw_bank.answer())
 
     def _hold_against(self, yaw_rad: float, sigma_rad: float) -> None:
         """Try the bank's heading, once it has contradicted for long enough."""
@@ -287,14 +285,16 @@ class Alignment:
         self._yaw_bank.turned(yaw_rad)
         self.is_aligned = True
 
-    def _take_course(self, fix: GpsFix, period_s: float) -> None:
-        """Take the course for the heading of a vehicle, unless the bank hesitates."""
-        course = self._course(fix)
-        if course is None or not self._carrier.is_vehicle:
+    def _align(self, fix: GpsFix, period_s: float) -> None:
+        """Take the course of a vehicle for its heading, or else the bank's word."""
+        yaw_rad, sigma_rad = self._yaw_bank.answer()
+        course = self._course(fix) if self._carrier.is_vehicle else None
+        if course is None:
+            if sigma_rad < CONVERGED_SIGMA_RAD:
+                self._take_yaw(yaw_rad, sigma_rad)
             return
         course_rad, course_sigma_rad = course
         main = self._bank.main
-        yaw_rad, sigma_rad = self._yaw_bank.answer()
         if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < PATIENCE_S:
             self._waited_s += period_s
             return

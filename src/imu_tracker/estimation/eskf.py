@@ -21,6 +21,7 @@ from imu_tracker.estimation.error_model import (
     AXLE,
     DELAY,
     DELAYS,
+    GYRO_BIAS,
     GYRO_GAIN,
     GYRO_NOISE_PSD,
     MOUNT_PITCH,
@@ -105,7 +106,8 @@ class Eskf:
     delay_s, velocity_delay_s : float
         A fix describes so much later than its nominal instant.
     gyro_gain : tuple of 9 floats
-        What the gyro misses of a rate, M column by column: scale, and what crosses over.
+        What the gyro misses of a rate, M column by column: scale, and what crosses
+        over.
     axle_m : float
     P : ndarray, shape (31, 31)
     """
@@ -172,13 +174,20 @@ class Eskf:
 
         Notes
         -----
-        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its tilt
-        from its bias, but knows well what they do together.
+        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its
+        tilt from its bias, but knows well what they do together.
         """
         H = np.zeros((2, N_ERRORS))
         H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
         H[:, ACCEL_BIAS] = -matrix(self.nominal.q_nb)[:2]
         return 0.5 * float(np.trace(H @ self._kf.P @ H.T))
+
+    @property
+    def down_bias(self) -> tuple[float, float]:
+        """Gyro bias about down, rad/s, and its variance."""
+        down_b = matrix(self.nominal.q_nb)[2]
+        variance = float(down_b @ self._kf.P[GYRO_BIAS, GYRO_BIAS] @ down_b)
+        return float(down_b @ np.array(self.gyro_bias_radps)), variance
 
     @property
     def accel_std_mps2(self) -> float:

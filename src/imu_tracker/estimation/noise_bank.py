@@ -26,13 +26,13 @@ TRIAL_S: Final = 60.0
 """Of fixes: some turns and some stops, where levels differ."""
 
 WIN_NATS: Final = 1.5
-WIN_DOWN_NATS: Final = 3.0
-"""A radius that is too small is worse than one that is too large: less noise must be
-proved better."""
+WIN_SURELY_NATS: Final = 3.0
+"""A radius that is too small is worse than one that is too large, and what leads has
+led so far: less noise, or another heading, must be proved better."""
 
 EARLY_WIN_NATS: Final = 6.0
-"""Likelier by so much at the end of a trial, or at any time within it: odds of 4 and
-of 400 to 1."""
+"""Likelier by so much at the end of a trial, or at any time within it: odds of 4, of
+20 and of 400 to 1."""
 
 MOST_NATS: Final = 1.0
 """No single fix decides: not a wild one, not the first after a tunnel."""
@@ -84,8 +84,8 @@ class NoiseBank:
         self._trial_s += period_s
         self._lead += min(max(challenger - main, -MOST_NATS), MOST_NATS)
         is_over = self._trial_s >= TRIAL_S
-        is_downward = self._direction < 0 and not self.is_heading_trial
-        needed = WIN_DOWN_NATS if is_downward else WIN_NATS
+        is_upward = self._direction > 0 and not self.is_heading_trial
+        needed = WIN_NATS if is_upward else WIN_SURELY_NATS
         if self._lead > EARLY_WIN_NATS or (is_over and self._lead > needed):
             return self._end_trial(is_won=True)
         if is_over or self._lead < -EARLY_WIN_NATS:

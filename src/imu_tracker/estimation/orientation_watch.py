@@ -21,8 +21,8 @@ LOST_NATS: Final = -10.0
 """Five fixes in a row, each seven times likelier without an IMU than with it."""
 
 LATE_S: Final = 1.0
-"""Receivers that smooth their velocities tell them late by a varying second: no fault of
-the filter's."""
+"""Receivers that smooth their velocities tell them late by a varying second: that is no
+fault of the filter's."""
 
 EVERY_S: Final = 0.8
 """Over less, nothing beats a receiver at foretelling itself."""

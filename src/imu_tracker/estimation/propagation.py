@@ -37,8 +37,8 @@ STEADY_MPS2: Final = 0.7
 STEADY_SIGMA_MPS2: Final = 0.3
 STEADY_LASTS_S: Final = 3.0
 """A body whose velocity changes by less is steady, so far as a second's fixes tell;
-what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does not
-feel where down is."""
+what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does
+not feel where down is."""
 
 ANY_SPEED_VAR: Final = 20.0**2
 ANY_HEIGHT_VAR: Final = 100.0**2

@@ -39,8 +39,8 @@ CEILING_FACTOR: Final = 2.5
 """How far learning may move a threshold from its start value."""
 
 _LOG_WAVERING: Final = math.log(1.25)
-"""A level at rest wavers by so much. An idling engine may shake more than a smooth road:
-what does not tell the two apart must not forbid rest either; the other sensor tells."""
+"""A level at rest wavers by so much. An idling engine may shake more than a smooth
+road: what does not tell the two apart must not forbid rest; the other sensor tells."""
 
 _LATEST_STEPS: Final = 5
 LEAVING_RADPS: Final = math.radians(0.5)
@@ -94,8 +94,9 @@ class StandstillDetector:
     -----
     Levels of vibration are kept for rest and for the quietest motion, each told by the
     receiver's speed; the threshold lies at their geometric mean, within a factor of the
-    start value. A rest ends when its mean force changes, and none is claimed with another
-    one until something has shaken. One sum is kept per quantity, so that a step costs the same at any window.
+    start value. A rest ends when its mean force changes, and with another force none is
+    claimed until something has shaken. One sum is kept per quantity, so that a step
+    costs the same at any window.
 
     Parameters
     ----------

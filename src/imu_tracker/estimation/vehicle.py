@@ -131,16 +131,17 @@ def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
 
     Notes
     -----
-    0 = f_v . a_n with a_n = C_nb (f_b - b_a) + g; da_n = theta x f_n - C_nb db_a.
+    0 = x . C_vn a_n = x . (C_vb (f_b - b_a) + C_vn g): the attitude counts through
+    gravity alone. d(C_vn) = [mu x] C_vn - C_vn [theta x], da_b = -db_a.
     """
     C_vn = eskf.C_vn()
-    ahead = C_vn[0]
-    an, ae, ad = eskf.mean_a_n
-    f_n = (an, ae, ad - eskf.gravity_mps2)
+    a_v = C_vn @ np.array(eskf.mean_a_n)
+    fn, fe, _ = C_vn[0].tolist()
     H = np.zeros((1, N_ERRORS))
-    H[0, ATTITUDE] = -(ahead @ skew(f_n))
-    H[0, ACCEL_BIAS] = -(ahead @ matrix(eskf.nominal.q_nb))
-    z = np.array([-float(ahead @ np.array(eskf.mean_a_n))])
+    H[0, 6:9] = (fe * eskf.gravity_mps2, -fn * eskf.gravity_mps2, 0.0)
+    H[0, ACCEL_BIAS] = -(C_vn[0] @ matrix(eskf.nominal.q_nb))
+    H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
+    z = np.array([-a_v[0]])
     votes = max(1.0, FORWARD_LASTS_S / period_s)
     return Measurement(z, H, np.array([[votes * sigma_mps2**2]]))
 

@@ -17,9 +17,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from imu_tracker.estimation.error_model import GYRO_DRIFT_PSD, Array
 
 N_HYPOTHESES: Final = 12
 """30 degrees apart: each filter is linear over the 15 to its border."""
@@ -31,10 +30,16 @@ ACCEL_LASTS_S: Final = 1.0
 LEVELLING_LASTS_S: Final = 2.0
 """An error of the levelling turns with the body: white over longer than that."""
 
-CONVERGED_SIGMA_RAD: Final = math.radians(15.0)
+CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
+"""So well a filter that is linear about its heading can begin with it."""
+
+YAW_NOISE_PSD: Final = math.radians(0.3) ** 2
+"""rad^2/s: scale and cross-axis sensitivity in turns, and shaking."""
 
 RESPAWN_S: Final = 120.0
 """After so long all hypotheses have become the same one, and could not contradict."""
+
+N_STATES: Final = 6
 
 _LEAST_LOG_WEIGHT: Final = -30.0
 
@@ -44,14 +49,15 @@ class YawBank:
 
     Notes
     -----
-    Each hypothesis has the state (p_n, p_e, v_n, v_e, yaw). Over the time dt between
-    two fixes, with dp and dv what the level accelerations add in the frame of the
-    attitude: p' = p + v dt + R(yaw) dp, v' = v + R(yaw) dv.
+    Each hypothesis has the state (p_n, p_e, v_n, v_e, yaw, b), b the gyro's bias about
+    down. Over the time dt between two fixes, with dp and dv what the level
+    accelerations add in the frame of the attitude, whose filter believes in a bias b_0:
+    p' = p + v dt + R(yaw) dp, v' = v + R(yaw) dv, yaw' = yaw - (b - b_0) dt.
     """
 
     def __init__(self) -> None:
-        self._x = np.zeros((N_HYPOTHESES, 5))
-        self._P = np.zeros((N_HYPOTHESES, 5, 5))
+        self._x = np.zeros((N_HYPOTHESES, N_STATES))
+        self._P = np.zeros((N_HYPOTHESES, N_STATES, N_STATES))
         self._log_w = np.zeros(N_HYPOTHESES)
         self._dt = 0.0
         self._dv = [0.0, 0.0]
@@ -86,7 +92,7 @@ class YawBank:
         velocity_var: float,
         delay_var: float,
         accel_var: float,
-        rate_var: float,
+        bias: tuple[float, float],
     ) -> None:
         """Take a fix: predict over the time since the last one, and compare.
 
@@ -99,24 +105,39 @@ class YawBank:
             Of the instant that the fix describes: accelerations are prompt.
         accel_var : float, (m/s^2)^2
             Of the level accelerations, per axis: what tilt and bias do together.
-        rate_var : float, (rad/s)^2
-            Of its gyro bias about down.
+        bias : (float, float)
+            What its filter believes of the gyro's bias about down, and the variance of
+            that, rad/s and (rad/s)^2.
         """
         dt, dv, dp = self._dt, np.array(self._dv), np.array(self._dp)
         self._dt, self._dv, self._dp = 0.0, [0.0, 0.0], [0.0, 0.0]
-        if self.age_s > RESPAWN_S or dt > 10.0:
-            self._begin(z_p, position_var, z_v, velocity_var)
+        if self._is_worn_out or dt > 10.0:
+            self._begin(z_p, position_var, z_v, velocity_var, bias)
             return
         self.age_s += dt
         late_var = delay_var * float(dv @ dv)
-        self._predict(dt, dv, dp, accel_var, rate_var)
+        self._predict(dt, dv, dp, accel_var, bias[0])
         self._compare(0, z_p, position_var + late_var)
         if z_v is not None:
             self._compare(2, z_v, velocity_var + late_var / max(dt, 0.1) ** 2)
+        if bias[1] < self._P[:, 5, 5].min():
+            self._measure_bias(*bias)  # a rest has shown it
         self._log_w = np.maximum(self._log_w - self._log_w.max(), _LEAST_LOG_WEIGHT)
 
+    @property
+    def _is_worn_out(self) -> bool:
+        """Whether all hypotheses have become one."""
+        return math.isinf(self.age_s) or (
+            self.age_s > RESPAWN_S and self.answer()[1] < CONVERGED_SIGMA_RAD
+        )
+
     def _begin(
-        self, z_p: Array, position_var: float, z_v: Array | None, velocity_var: float
+        self,
+        z_p: Array,
+        position_var: float,
+        z_v: Array | None,
+        velocity_var: float,
+        bias: tuple[float, float],
     ) -> None:
         self.age_s = 0.0
         self._log_w[:] = 0.0
@@ -124,30 +145,35 @@ class YawBank:
         self._x[:, :2] = z_p
         spacing = 2.0 * math.pi / N_HYPOTHESES
         self._x[:, 4] = np.arange(N_HYPOTHESES) * spacing
+        self._x[:, 5] = bias[0]
         speed_var = 400.0
         if z_v is not None:
             self._x[:, 2:4] = z_v
             speed_var = velocity_var
         self._P[:] = np.diag(
-            [position_var] * 2 + [speed_var] * 2 + [(0.5 * spacing) ** 2]
+            [position_var] * 2 + [speed_var] * 2 + [(0.5 * spacing) ** 2, bias[1]]
         )
 
     def _predict(
-        self, dt: float, dv: Array, dp: Array, accel_var: float, rate_var: float
+        self, dt: float, dv: Array, dp: Array, accel_var: float, bias_radps: float
     ) -> None:
         x, n = self._x, N_HYPOTHESES
         cosine, sine = np.cos(x[:, 4]), np.sin(x[:, 4])
         R = np.stack([cosine, -sine, sine, cosine], axis=1).reshape(n, 2, 2)
         R_rate = np.stack([-sine, -cosine, cosine, -sine], axis=1).reshape(n, 2, 2)
-        F = np.tile(np.eye(5), (n, 1, 1))
+        F = np.tile(np.eye(N_STATES), (n, 1, 1))
         F[:, 0, 2] = F[:, 1, 3] = dt
+        F[:, 4, 5] = -dt
         F[:, 0:2, 4] = R_rate @ dp
         F[:, 2:4, 4] = R_rate @ dv
         x[:, :2] += x[:, 2:4] * dt + R @ dp
         x[:, 2:4] += R @ dv
+        x[:, 4] -= (x[:, 5] - bias_radps) * dt
         psd = ACCEL_SIGMA_MPS2**2 * ACCEL_LASTS_S + LEVELLING_LASTS_S * accel_var
         q = np.diag(
-            [psd * dt**3 / 3.0] * 2 + [psd * dt] * 2 + [rate_var * dt * (dt + 2.0)]
+            [psd * dt**3 / 3.0] * 2
+            + [psd * dt] * 2
+            + [YAW_NOISE_PSD * dt, GYRO_DRIFT_PSD * dt]
         )
         q[0, 2] = q[2, 0] = q[1, 3] = q[3, 1] = psd * dt**2 / 2.0
         self._P = F @ self._P @ F.transpose(0, 2, 1) + q
@@ -165,6 +191,13 @@ class YawBank:
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
         # One wild fix must not decide.
         self._log_w += -0.5 * (np.minimum(nis, 16.0) + np.log(np.linalg.det(S)))
+
+    def _measure_bias(self, bias_radps: float, variance: float) -> None:
+        """Take over what the attitude's filter knows of the bias."""
+        gain = self._P[:, :, 5] / (self._P[:, 5, 5] + variance)[:, None]
+        self._x = self._x + gain * (bias_radps - self._x[:, 5])[:, None]
+        P = self._P - gain[:, :, None] * self._P[:, None, 5, :]
+        self._P = 0.5 * (P + P.transpose(0, 2, 1))
 
     def answer(self) -> tuple[float, float]:
         """Mean of the yaw and its standard deviation, radians."""
