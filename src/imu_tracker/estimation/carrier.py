@@ -4,7 +4,8 @@ import math
 from typing import Final
 
 from imu_tracker.estimation.eskf import Eskf
-from imu_tracker.estimation.orientation import tilt_between, yaw_between
+from imu_tracker.estimation.orientation import lean_right, yaw_between
+from imu_tracker.estimation.pace import Pace
 from imu_tracker.estimation.profile import ProfileJudge
 from imu_tracker.estimation.rotation import wrap_pi
 from imu_tracker.samples import Quat
@@ -26,17 +27,25 @@ class Carrier:
     Attributes
     ----------
     profile : {"free", "vehicle", "walker"}
+    pace : Pace
+        Takes every step of the filters.
     """
 
     def __init__(self, profile: str) -> None:
         self._judge = ProfileJudge() if profile == "auto" else None
         self.profile = "free" if profile == "auto" else profile
         self._yaw_rad = 0.0
+        self.pace = Pace()
 
     @property
     def is_vehicle(self) -> bool:
         """Whether it rolls on wheels, ahead."""
         return self.profile == "vehicle"
+
+    @property
+    def is_walker(self) -> bool:
+        """Whether it is somebody on foot."""
+        return self.profile == "walker"
 
     @property
     def unknown_accel_psd(self) -> float:
@@ -70,8 +79,8 @@ class Carrier:
             period_s,
             math.hypot(*eskf.nominal.v_n[:2]),
             turn_rad,
-            tilt_between(eskf.nominal.q_nb, level_q),
-            eskf.accel_std_mps2,
+            lean_right(eskf, level_q),
+            is_stepping=self.pace.is_stepping,
         )
         self.profile = self._judge.profile
         return has_changed

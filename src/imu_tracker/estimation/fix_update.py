@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.alignment import Alignment
+from imu_tracker.estimation.behaviour import DARK_AFTER_S
 from imu_tracker.estimation.carrier import Carrier
 from imu_tracker.estimation.error_model import (
     DELAY,
@@ -21,7 +22,6 @@ from imu_tracker.estimation.orientation_watch import OrientationWatch
 from imu_tracker.estimation.propagation import (
     ANY_HEIGHT_VAR,
     ANY_SPEED_VAR,
-    DARK_AFTER_S,
     Propagation,
 )
 from imu_tracker.estimation.receiver import (
@@ -109,7 +109,7 @@ class FixUpdate:
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         receiver.observe(fix)
-        self._propagation.own_accel_mps2 = receiver.accel_mps2
+        self._propagation.behaviour.own_accel_mps2 = receiver.accel_mps2
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]

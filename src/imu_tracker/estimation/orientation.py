@@ -21,6 +21,7 @@ from imu_tracker.estimation.rotation import (
     conjugate,
     from_euler,
     multiply,
+    rotate,
     to_euler,
     turn_about_down,
     wrap_pi,
@@ -107,7 +108,10 @@ def yaw_between(q_nb: Quat, other_q_nb: Quat) -> float:
     return to_euler(multiply(q_nb, conjugate(other_q_nb)))[2]
 
 
-def tilt_between(q_nb: Quat, other_q_nb: Quat) -> float:
-    """Angle between two attitudes' down axes."""
-    roll, pitch, _ = to_euler(multiply(q_nb, conjugate(other_q_nb)))
-    return math.acos(min(1.0, math.cos(roll) * math.cos(pitch)))
+def lean_right(eskf: Eskf, level_q: Quat) -> float:
+    """Angle by which the body leans to the right of its way, against `level_q`."""
+    vn, ve, _ = eskf.nominal.v_n
+    q_leaning = multiply(eskf.nominal.q_nb, conjugate(level_q))
+    foot_n, foot_e, _ = rotate(q_leaning, (0.0, 0.0, 1.0))
+    to_the_left = (foot_n * ve - foot_e * vn) / max(math.hypot(vn, ve), 0.1)
+    return math.asin(min(1.0, max(-1.0, to_the_left)))

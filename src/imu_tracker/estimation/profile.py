@@ -1,33 +1,44 @@
 """What carries the box: found from how it moves, when nobody has said.
 
 Until the evidence is in, the body is free: no constraint is ever applied to what might
-be a drone. A gait betrays a walker. A vehicle is what goes faster than anybody runs and
-takes its turns upright: an aeroplane or a motorcycle leans into them.
+be a drone. A gait betrays a walker. A vehicle is what goes faster than anybody walks
+and takes its turns upright: aeroplanes, bicycles and motorcycles lean into them until
+nothing is felt across. A boat rolls on its way. The fact that a newcomer gets wrong: it
+is not the angle that tells, which is small in a wide turn, but its share of what the
+turn would need.
 """
 
 import math
 from typing import Final
 
-GAIT_ACCEL_STD_MPS2: Final = 1.5
-"""Scatter of the force while walking: 2 to 5 m/s^2; a car on cobbles shakes so too,
-but not at walking pace."""
-
 WALKING_MPS: Final = (0.6, 3.0)
 
-DRIVING_MPS: Final = 6.0
+DRIVING_MPS: Final = 3.5
+RUNNING_MPS: Final = 6.0
 FLYING_MPS: Final = 75.0
-"""Faster than a sprinter, slower than any car on any road."""
+"""Faster than a walker; who shakes may still run. Faster than any car on any road."""
 
-UPRIGHT_RAD: Final = math.radians(12.0)
-"""Slope, camber and roll of a road vehicle together stay below this nearly always."""
+UPRIGHT_SHARE: Final = 0.4
+LEANING_SHARE: Final = 0.6
+"""Lean into the turn over what balances it: a car leans out by a twentieth, who must
+balance leans by all of it. Slopes and camber add some tenths, both ways."""
 
-TURNED_RAD: Final = math.radians(180.0)
-"""Turns in sum that were taken upright: a mile of any town."""
+TURNED: Final = 40.0
+"""Sum of the squares of the acceleration across, m^2/s^3: two corners of a town. Slopes
+of 3 deg, 0.5 m/s^2, then weigh little."""
 
-LEANING_SHARE: Final = 0.1
-"""Of the fixes in turns, that may look leaning nevertheless."""
+TURNED_MOST: Final = 400.0
+"""So much is remembered: somebody may take the box from the car to the bicycle."""
+
+ROLLING_RAD: Final = math.radians(2.0)
+ROLLING_S: Final = 20.0
+STRAIGHT_MPS2: Final = 0.5
+"""Change of the lean from fix to fix while going straight, rms: no road does that for
+so long, and waves do it always."""
 
 WALKED_FIXES_S: Final = 20.0
+
+_GRAVITY_MPS2: Final = 9.81
 
 
 class ProfileJudge:
@@ -35,15 +46,17 @@ class ProfileJudge:
 
     def __init__(self) -> None:
         self.profile = "free"
-        self._walked_s = self._turned_rad = self._leaning_rad = 0.0
+        self._walked_s = self._turned = self._leaned = 0.0
+        self._lean_rad = self._rolling_var = 0.0
 
     def observe(
         self,
         period_s: float,
         speed_mps: float,
         turn_rad: float,
-        tilt_rad: float,
-        accel_std_mps2: float,
+        lean_rad: float,
+        *,
+        is_stepping: bool,
     ) -> bool:
         """Take one fix; return whether the profile has changed.
 
@@ -52,31 +65,50 @@ class ProfileJudge:
         period_s : float
         speed_mps : float
         turn_rad : float
-            Turned about down since the last fix.
-        tilt_rad : float
-            Between the box now and as it lay when it was levelled.
-        accel_std_mps2 : float
+            Turned to the right since the last fix.
+        lean_rad : float
+            To the right, against how it lay when it was levelled.
+        is_stepping : bool
+            Whether the force comes and goes as it does with steps.
         """
         before = self.profile
         if speed_mps > FLYING_MPS:
-            self._turned_rad = self._leaning_rad = 0.0
+            self._turned = self._leaned = 0.0
             self.profile = "free"
-        elif speed_mps > DRIVING_MPS:
-            turn = abs(turn_rad)
-            self._turned_rad += turn
-            self._leaning_rad += turn if tilt_rad > UPRIGHT_RAD else 0.0
+        elif speed_mps > (RUNNING_MPS if is_stepping else DRIVING_MPS):
             self._walked_s = 0.0
-            is_upright = self._leaning_rad < LEANING_SHARE * self._turned_rad
-            if self.profile != "free" and self.profile != "vehicle":
-                self.profile = "free"  # whoever walked has got in
-            if self._turned_rad > TURNED_RAD:
-                self.profile = "vehicle" if is_upright else "free"
-        elif (
-            WALKING_MPS[0] < speed_mps < WALKING_MPS[1]
-            and accel_std_mps2 > GAIT_ACCEL_STD_MPS2
-        ):
+            if self.profile == "walker":
+                self.profile = "free"  # he has got in
+            self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
+        elif is_stepping and WALKING_MPS[0] < speed_mps < WALKING_MPS[1]:
             self._walked_s += period_s
             if self._walked_s > WALKED_FIXES_S:
-                self._turned_rad = self._leaning_rad = 0.0
+                self._turned = self._leaned = 0.0
                 self.profile = "walker"
         return self.profile != before
+
+    def _see_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
+        """Compare the lean with what would balance the turn.
+
+        Notes
+        -----
+        share = sum(a g tan(lean) dt) / sum(a^2 dt), a the acceleration across.
+        """
+        if abs(across_mps2) < STRAIGHT_MPS2:
+            square = (lean_rad - self._lean_rad) ** 2
+            share = min(period_s / ROLLING_S, 1.0)
+            self._rolling_var += share * (square - self._rolling_var)
+        self._lean_rad = lean_rad
+        balanced_mps2 = _GRAVITY_MPS2 * math.tan(min(max(lean_rad, -1.2), 1.2))
+        self._turned += across_mps2**2 * period_s
+        self._leaned += across_mps2 * balanced_mps2 * period_s
+        if self._turned > TURNED_MOST:
+            self._leaned *= TURNED_MOST / self._turned
+            self._turned = TURNED_MOST
+        if self._turned > TURNED:
+            share = self._leaned / self._turned
+            is_rolling = self._rolling_var > ROLLING_RAD**2
+            if share > LEANING_SHARE or is_rolling:
+                self.profile = "free"
+            elif share < UPRIGHT_SHARE:
+                self.profile = "vehicle"

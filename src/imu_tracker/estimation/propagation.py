@@ -5,40 +5,25 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation import vehicle
 from imu_tracker.estimation.alignment import Alignment
+from imu_tracker.estimation.behaviour import Behaviour
 from imu_tracker.estimation.carrier import Carrier
 from imu_tracker.estimation.error_model import (
-    ACCEL_BIAS,
     ATTITUDE,
     N_ERRORS,
     POSITION,
     RECEIVER,
     VELOCITY,
 )
-from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
+from imu_tracker.estimation.eskf import Eskf, Nominal
 from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.estimation.noise_bank import NoiseBank
 from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.road import Road
-from imu_tracker.estimation.rotation import matrix
 from imu_tracker.estimation.standstill import Rest
 
 STRETCH_S: Final = 0.1
 """Errors grow, and constraints are applied, in stretches of three steps: in 0.12 s a
 car turns by 5 deg at most."""
-
-DARK_AFTER_S: Final = 2.0
-WEAK_PERIOD_S: Final = 1.0
-LEVELLING_SIGMA_MPS2: Final = 3.0
-"""Own acceleration of a body of which nothing is known, mean of a second."""
-
-STEADY_MPS2: Final = 0.7
-STEADY_SIGMA_MPS2: Final = 0.3
-STEADY_LASTS_S: Final = 3.0
-"""A body whose velocity changes by less is steady, so far as a second's fixes tell;
-what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does
-not feel where down is."""
 
 ANY_SPEED_VAR: Final = 20.0**2
 ANY_HEIGHT_VAR: Final = 100.0**2
@@ -65,18 +50,20 @@ class Propagation:
         At the end of the last step.
     dark_s : float
         Since the last fix that was used.
-    own_accel_mps2 : float or None
-        Change of the receiver's velocity, as long as that is fresh and there is one.
     """
 
     def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
         self._bank, self._alignment, self._carrier = bank, alignment, carrier
-        self._stretch_s = self._weak_s = 0.0
+        self._behaviour = Behaviour(bank, alignment, carrier)
+        self._stretch_s = 0.0
         self.frame = LocalFrame.at(0.0, 0.0)
         self.rest: Rest | None = None
         self.dark_s = 0.0
-        self.own_accel_mps2: float | None = None
-        self.road = Road()
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """What the body is known to do."""
+        return self._behaviour
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
@@ -99,6 +86,7 @@ class Propagation:
         """Take a step into the filters; `rest` when the body stands still."""
         alignment = self._alignment
         self.rest = rest
+        self._carrier.pace.add(step)
         if not alignment.is_level:
             alignment.level(step)
         use_force = alignment.can_use_force(rest)
@@ -115,7 +103,10 @@ class Propagation:
             self._doubt(math.hypot(*step.dtheta_b_rad), math.hypot(*step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
             self.predict()
-            self._constrain(self._stretch_s)
+            self.dark_s += self._stretch_s
+            self._behaviour.apply(rest, self._stretch_s, self.dark_s)
+            if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
+                self._move_frame()
             self._stretch_s = 0.0
 
     def predict(self) -> None:
@@ -148,52 +139,6 @@ class Propagation:
             eskf.P = P * np.outer(scale, scale)
         self._alignment.check_yaw()
 
-    # ------------------------------------------------------------------ constraints
-
-    def _constrain(self, period_s: float) -> None:
-        """Apply what the body cannot do."""
-        self.dark_s += period_s
-        self._weak_s += period_s
-        is_weak_due = self._weak_s >= WEAK_PERIOD_S
-        if is_weak_due:
-            self._weak_s = 0.0
-            if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
-                self._move_frame()
-        alignment, rest = self._alignment, self.rest
-        if not alignment.is_level:
-            return
-        road = self.road
-        if alignment.is_aligned and is_weak_due and self.dark_s < DARK_AFTER_S:
-            road.observe(self._bank.main, WEAK_PERIOD_S)
-        for eskf in self._bank.filters:
-            if rest is not None:
-                eskf.apply(vehicle.rest(eskf, rest, period_s))
-            elif not alignment.is_aligned:
-                if is_weak_due:
-                    self._level(eskf)
-            elif self._carrier.is_vehicle:
-                eskf.apply(vehicle.no_side_slip(eskf, period_s))
-                if is_weak_due and self.dark_s > DARK_AFTER_S:
-                    slope, haste = road.slope_sigma_rad, road.forward_sigma_mps2
-                    eskf.apply(vehicle.level_road(eskf, slope, WEAK_PERIOD_S))
-                    eskf.apply(vehicle.unhurried(eskf, haste, WEAK_PERIOD_S))
-        if alignment.agnostic is not None:
-            if rest is not None:
-                alignment.agnostic.apply(
-                    vehicle.rest(alignment.agnostic, rest, period_s)
-                )
-            elif is_weak_due:
-                self._level(alignment.agnostic)
-
-    def _level(self, eskf: Eskf) -> None:
-        """Take the mean force for gravity, as far as the body is steady."""
-        own_mps2 = self.own_accel_mps2
-        if own_mps2 is None or self.dark_s > DARK_AFTER_S:
-            eskf.apply(gravity_is_down(eskf, LEVELLING_SIGMA_MPS2**2))
-        elif own_mps2 < STEADY_MPS2:
-            variance = STEADY_SIGMA_MPS2**2 + own_mps2**2
-            eskf.apply(gravity_is_down(eskf, STEADY_LASTS_S * variance))
-
     def _move_frame(self) -> None:
         """Take the origin along when the way from it grows."""
         north, east, _ = self._bank.main.nominal.p_n
@@ -206,20 +151,6 @@ class Propagation:
             eskf.gravity_mps2 = gravity_mps2(lat)
         if agnostic is not None:
             _shift(agnostic, -north, -east)
-
-
-def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:
-    """Of a body of which nothing is known, the mean force is gravity.
-
-    Notes
-    -----
-    0 = a_n, level axes: z = -f_n, H = [f_n x] theta's level part - C_nb db_a.
-    """
-    fn, fe, fd = (eskf.a_n[0], eskf.a_n[1], eskf.a_n[2] - eskf.gravity_mps2)
-    H = np.zeros((2, N_ERRORS))
-    H[0, 7], H[1, 6] = fd, -fd
-    H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
-    return Measurement(np.array([-fn, -fe]), H, np.eye(2) * variance)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:
