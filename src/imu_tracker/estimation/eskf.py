@@ -383,10 +383,28 @@ class Eskf:
         """Standard deviation of an error."""
         return math.sqrt(max(float(self._kf.P[i, i]), 0.0))
 
-    def limit_receiver_error(self, variance: float) -> None:
-        """Let the receiver's lasting error be not much larger than it says now."""
-        self.receiver_var = variance
+    def take_receiver_var(self, variance: float) -> None:
+        """Let the receiver's lasting error be as large as it is found to be now.
+
+        Notes
+        -----
+        What was learnt of position and lasting error b_r against a receiver that is
+        worse than it was taken to be is worth less, and only their sum is known: the
+        growth is (-1, 1) (-1, 1)' in (p, b_r).
+        """
+        before, self.receiver_var = self.receiver_var, variance
         P = self._kf.P
+        mean = 0.5 * float(P[17, 17] + P[18, 18])
+        growth = min((variance / before - 1.0) * mean, variance - mean)
+        if growth > 0.0:
+            P = P.copy()
+            for p, b in ((0, 17), (1, 18)):
+                P[p, p] += growth
+                P[b, b] += growth
+                P[p, b] -= growth
+                P[b, p] -= growth
+            self._kf.P = P
+            return
         worst = max(P[17, 17], P[18, 18])
         if worst > MUCH_LARGER * variance > 0.0:
             shrink = math.sqrt(variance / worst)

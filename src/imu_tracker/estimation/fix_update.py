@@ -114,7 +114,7 @@ class FixUpdate:
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._bank.filters:
-            each.limit_receiver_error(receiver.lasting_var(fix))
+            each.take_receiver_var(receiver.lasting_var(fix))
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)

@@ -64,7 +64,7 @@ NOISE_LEARNING_S: Final = 8.0
 """How fast trust follows the innovations."""
 
 MIN_NIS_LEVEL: Final = 0.05
-MAX_NIS_LEVEL: Final = 9.0
+MAX_NIS_LEVEL: Final = 36.0
 """A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
 nothing of the receiver), by three upwards."""
 

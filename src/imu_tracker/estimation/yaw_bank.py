@@ -33,6 +33,11 @@ LEVELLING_LASTS_S: Final = 2.0
 CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
 """So well a filter that is linear about its heading can begin with it."""
 
+FELT_SIGMAS: Final = 3.0
+UNFELT_MPS2: Final = 0.5
+"""Accelerations that are no larger than what levelling may be wrong by tell nothing, and
+the body may go as it likes by so much."""
+
 YAW_NOISE_PSD: Final = math.radians(0.3) ** 2
 """rad^2/s: scale and cross-axis sensitivity in turns, and shaking."""
 
@@ -111,6 +116,9 @@ class YawBank:
         """
         dt, dv, dp = self._dt, np.array(self._dv), np.array(self._dp)
         self._dt, self._dv, self._dp = 0.0, [0.0, 0.0], [0.0, 0.0]
+        if dv @ dv < (FELT_SIGMAS * dt) ** 2 * accel_var:
+            # An error of the levelling, the same again and again, is no evidence.
+            dv, dp, accel_var = np.zeros(2), np.zeros(2), UNFELT_MPS2**2
         if self._is_worn_out or dt > 10.0:
             self._begin(z_p, position_var, z_v, velocity_var, bias)
             return
