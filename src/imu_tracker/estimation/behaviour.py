@@ -4,6 +4,7 @@ Those of a vehicle are in `vehicle.py`, those of a walker in `gait.py`; nothing 
 of a free body but that it rests at times, and that its mean force is gravity.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -123,9 +124,19 @@ class Behaviour:
         own_mps2 = self.own_accel_mps2
         if own_mps2 is None or dark_s > DARK_AFTER_S:
             eskf.apply(gravity_is_down(eskf, LEVELLING_SIGMA_MPS2**2))
-        elif own_mps2 < STEADY_MPS2:
+        elif own_mps2 < STEADY_MPS2 and _feels_gravity_alone(eskf):
             variance = STEADY_SIGMA_MPS2**2 + own_mps2**2
-            eskf.apply(gravity_is_down(eskf, STEADY_LASTS_S * variance))
+            measured = gravity_is_down(eskf, STEADY_LASTS_S * variance)
+            eskf.apply(vehicle.softened(eskf, measured))
+
+
+def _feels_gravity_alone(eskf: Eskf) -> bool:
+    """Whether the force of the last second is as large as gravity: not so in a turn."""
+    an, ae, ad = eskf.mean_a_n
+    return (
+        abs(math.hypot(an, ae, ad - eskf.gravity_mps2) - eskf.gravity_mps2)
+        < STEADY_MPS2
+    )
 
 
 def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:

@@ -59,6 +59,10 @@ long: velocities of so many seconds are one."""
 ACCEL_OVER_S: Final = 0.8
 """Over less than about a second a velocity's noise passes for acceleration."""
 
+VELOCITY_SMEAR_S: Final = 0.1
+"""A receiver's velocity is a mean over a tenth of a second or more, and its filter
+does not lag alike in each manoeuvre."""
+
 LEARNING_S: Final = 30.0
 NOISE_LEARNING_S: Final = 8.0
 """How fast trust follows the innovations."""
@@ -86,7 +90,8 @@ class ReceiverModel:
     period_s : float
         Between fixes.
     accel_mps2 : float or None
-        Change of its velocity within the last second or so; None: it tells no velocity.
+        Change of its velocity within the last seconds, the larger of two; None: it
+        tells no velocity.
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
@@ -102,6 +107,7 @@ class ReceiverModel:
         self.accel_mps2: float | None = None
         self._fix_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
+        self._last_accel_mps2 = 0.0
 
     @property
     def votes(self) -> float:
@@ -130,7 +136,9 @@ class ReceiverModel:
         dt_s = (now[0] - self._vel[0]) * 1e-9
         if dt_s > ACCEL_OVER_S:
             change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
-            self.accel_mps2, self._vel = change_mps / dt_s, now
+            accel_mps2, before_mps2 = change_mps / dt_s, self._last_accel_mps2
+            self.accel_mps2 = max(accel_mps2, before_mps2)
+            self._vel, self._last_accel_mps2 = now, accel_mps2
 
     def lasting_var(self, fix: GpsFix) -> float:
         """Variance of the lasting part of the error."""
@@ -189,7 +197,9 @@ class ReceiverModel:
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         H[:, VELOCITY_DELAY] = (an, ae)
-        return Measurement(z, H, np.eye(2) * (self.velocity_var * self.velocity_votes))
+        smeared_var = VELOCITY_SMEAR_S**2 * (an * an + ae * ae)
+        variance = self.velocity_var * self.velocity_votes + smeared_var
+        return Measurement(z, H, np.eye(2) * variance)
 
     def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:
         """Height, or without one a vertical velocity of about zero.

@@ -70,9 +70,12 @@ SURELY_MOVING_MPS: Final = 1.4
 STANDING_MPS: Final = 0.3
 AGREED_FIXES: Final = 3
 AGREED_FACTOR: Final = 4.0
+UNKNOWN_FACTOR: Final = 12.0
+UNKNOWN_BIAS_RADPS: Final = math.radians(0.1)
 """While a receiver says, fix after fix, that the body stands, more shaking is allowed:
-an idling diesel, a fan, wind. Rate and force must agree all the same. Its word comes
-late: only who tells rest in hindsight may use it."""
+an idling diesel, a fan, wind; and a propeller, as long as the gyro's bias is known
+worse than this. Rate and force must agree all the same. Its word comes late: only who
+tells rest in hindsight may use it."""
 
 
 Levels: TypeAlias = tuple[tuple[bool, float, float], ...]
@@ -85,6 +88,7 @@ class Rest(NamedTuple):
     gyro_radps: Vec3
     accel_mps2: Vec3
     duration_s: float
+    gyro_std_radps: float = 0.0  # about their mean, all axes together
 
 
 class StandstillDetector:
@@ -207,7 +211,10 @@ class StandstillDetector:
         gyro, self._gyro_std = _mean_and_std(n, (gx, gy, gz), gyro_sq)
         accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
         deviation = math.dist(gyro, gyro_bias_radps)
-        agreed = AGREED_FACTOR if self._receiver_rests(step.t_ns) else 1.0
+        agreed = 1.0
+        if self._receiver_rests(step.t_ns):
+            is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
+            agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
         is_shaking = (
             self._gyro_std > self.gyro_threshold_radps * agreed
             or self._accel_std > self.accel_threshold_mps2 * agreed
@@ -228,7 +235,9 @@ class StandstillDetector:
             self._rest_since_ns = step.t_ns
         duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
         self._remember_force(accel, step.dt_s)
-        return Rest(gyro, accel, duration_s) if duration_s >= CONFIRM_S else None
+        if duration_s < CONFIRM_S:
+            return None
+        return Rest(gyro, accel, duration_s, self._gyro_std)
 
     def _slide(self, step: ImuStep) -> None:
         """Move the window on by a step."""

@@ -46,6 +46,9 @@ REST_SPEED_SIGMA_MPS: Final = 0.03
 REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 """A resting vehicle still rocks: of the mean of a second."""
 
+REST_SHAKING_SHARE: Final = 0.1
+"""Of what the gyro shakes by, this is left of the mean of a second."""
+
 REST_LASTS_S: Final = 1.0
 """The mean of a second's samples is told afresh once a second."""
 
@@ -102,7 +105,8 @@ def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
     votes = max(1.0, REST_LASTS_S / period_s)
     left_mps = GENTLE_STOP_MPS * math.exp(-seen.duration_s / GENTLE_STOP_S)
     speed_var = votes * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
-    rate_var = votes * REST_RATE_SIGMA_RADPS**2
+    shaken_radps = REST_SHAKING_SHARE * seen.gyro_std_radps
+    rate_var = votes * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
     return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
 
 

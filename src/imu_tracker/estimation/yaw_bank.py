@@ -35,8 +35,8 @@ CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
 
 FELT_SIGMAS: Final = 3.0
 UNFELT_MPS2: Final = 0.5
-"""Accelerations that are no larger than what levelling may be wrong by tell nothing, and
-the body may go as it likes by so much."""
+"""Accelerations that are no larger than what levelling may be wrong by tell nothing,
+and the body may go as it likes by so much."""
 
 YAW_NOISE_PSD: Final = math.radians(0.3) ** 2
 """rad^2/s: scale and cross-axis sensitivity in turns, and shaking."""
