@@ -120,6 +120,16 @@ def test_six_faces_are_guided_live(
     assert accel.bias_mps2 == pytest.approx((0, 0, 0), abs=0.01)
 
 
+@pytest.mark.parametrize("clock_error", [-0.009, 0.009])
+def test_six_faces_are_guided_whatever_the_clock_of_the_chip(
+    bench: Bench, clock_error: float
+) -> None:
+    bench.chip = FakeMpu6050(bench.clock, clock_error=clock_error)
+    bench.bus.chips[0x68] = bench.chip
+    bench.turn(*SIX)
+    assert main(["calibrate", "accel", *OUT, "-q"]) == 0
+
+
 def test_a_face_seen_twice_is_told_live_and_the_guide_goes_on(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
