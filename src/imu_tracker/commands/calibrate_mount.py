@@ -104,7 +104,9 @@ def _guided(
     kept: list[Frame] = []
     with live_stream(config, with_gps=args.drive is not None) as (header, frames):
         live = _keeping(frames, kept)
-        stood = _stand(live_windows(header, for_seconds(live, PATIENCE_S)), level_s)
+        stood = _stand(
+            live_windows(header, for_seconds(live, level_s + PATIENCE_S)), level_s
+        )
         standing, axes = capture([header, *stood]).readings, axes_of(header)
         fit = axes.level(standing)
         if args.drive is not None:
