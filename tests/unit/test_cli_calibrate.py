@@ -379,3 +379,12 @@ def test_a_noisy_axis_is_told_from_a_good_one(
     axes = json.loads(capsys.readouterr().out)["axes"]
     assert {axes[f"gyro {i}"]["verdict"] for i in "xyz"} == {"noisy"}
     assert {axes[f"accel {i}"]["verdict"] for i in "xyz"} == {"good"}
+
+
+def test_the_shortest_stillness_is_drawn_without_any_fit(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rec = write(Box().lie(Z_UP, 6.0))
+    assert main(["characterise", rec, "--plot", "p.png", "-q"]) == 0
+    assert "too short, or always the same" in capsys.readouterr().out
+    assert Path("p.png").read_bytes().startswith(b"\x89PNG")
