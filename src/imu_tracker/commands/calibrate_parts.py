@@ -53,7 +53,7 @@ def measure_gyro(
     still_s = sum(stretch.length_s for stretch in stretches)
     if args.recording is None:
         refuse_motion(seen)
-    if still_s < len(seen):
+    if 0 < still_s < len(seen):
         log.info(
             "it moves: %.0f s of stillness in %d stretches are used",
             still_s,
