@@ -42,7 +42,7 @@ def draw_all(folder: Path) -> Iterator[Path]:
             f"a fix every {every_s} s": _walk_tracks(course, every_s)
             for every_s in walks.EVERY_S
         }
-        title = f"walk, {course}, fixes 1 m off: mean distance in metres in brackets"
+        title = f"{course}, fixes 1 m off: mean distance in metres in brackets"
         path = folder / f"walk-{course.replace(', ', '-').replace(' ', '-')}.png"
         yield _draw(rows, title, path, is_unit=False)
 

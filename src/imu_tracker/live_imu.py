@@ -8,7 +8,7 @@ import contextlib
 import queue
 from collections import Counter
 from collections.abc import Generator, Iterator
-from typing import Final
+from typing import Final, TypeVar
 
 from imu_tracker import hardware
 from imu_tracker.config import Config
@@ -18,6 +18,8 @@ from imu_tracker.sensors.clock import SECOND_NS, Clock, Pacer
 from imu_tracker.sensors.imu_sources import BurstSource, FifoSource, ImuSource
 
 MOST_ERRORS: Final = 3  # in a row
+
+Item = TypeVar("Item", bound=SessionHeader | Frame)
 
 
 def live_frames(
@@ -78,9 +80,7 @@ def live_frames(
             pacer.period_ns = source.period_ns
 
 
-def for_seconds(
-    stream: Iterator[SessionHeader | Frame], seconds: float
-) -> Iterator[SessionHeader | Frame]:
+def for_seconds(stream: Iterator[Item], seconds: float) -> Iterator[Item]:
     """Pass on so many seconds of a live stream."""
     start_ns: int | None = None
     for item in stream:

@@ -120,6 +120,16 @@ def test_six_faces_are_guided_live(
     assert accel.bias_mps2 == pytest.approx((0, 0, 0), abs=0.01)
 
 
+@pytest.mark.parametrize("clock_error", [-0.009, 0.009])
+def test_six_faces_are_guided_whatever_the_clock_of_the_chip(
+    bench: Bench, clock_error: float
+) -> None:
+    bench.chip = FakeMpu6050(bench.clock, clock_error=clock_error)
+    bench.bus.chips[0x68] = bench.chip
+    bench.turn(*SIX)
+    assert main(["calibrate", "accel", *OUT, "-q"]) == 0
+
+
 def test_a_face_seen_twice_is_told_live_and_the_guide_goes_on(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -369,3 +379,12 @@ def test_a_noisy_axis_is_told_from_a_good_one(
     axes = json.loads(capsys.readouterr().out)["axes"]
     assert {axes[f"gyro {i}"]["verdict"] for i in "xyz"} == {"noisy"}
     assert {axes[f"accel {i}"]["verdict"] for i in "xyz"} == {"good"}
+
+
+def test_the_shortest_stillness_is_drawn_without_any_fit(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rec = write(Box().lie(Z_UP, 6.0))
+    assert main(["characterise", rec, "--plot", "p.png", "-q"]) == 0
+    assert "too short, or always the same" in capsys.readouterr().out
+    assert Path("p.png").read_bytes().startswith(b"\x89PNG")

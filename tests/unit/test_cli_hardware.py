@@ -388,6 +388,18 @@ def test_a_good_chip_passes_its_own_test(
     assert "of the factory's response" in lines[0]
 
 
+def test_the_self_test_names_the_chip_and_why_a_clone_is_not_graded(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["selftest"]) == 0
+    assert capsys.readouterr().err == "MPU-6050 (WHO_AM_I 0x68)\n"
+    bench.bus.chips[0x68] = FakeMpu6050(bench.clock, who_am_i=0x70)
+    assert main(["selftest"]) == 0
+    said = capsys.readouterr()
+    assert "MPU-6500 (WHO_AM_I 0x70)\nno MPU-6050:" in said.err
+    assert said.out.count("not applicable") == 6
+
+
 def test_a_broken_axis_is_exit_69(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -55,6 +55,27 @@ def test_values_read_like_words(
     assert values == ["1", "-", "yes", "-", "1, 2.5", "no"]
 
 
+def test_a_prediction_is_a_line_for_each_instant(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ahead = {"after_s": [1, 60], "lat_deg": [52.0, 52.5], "r95_m": [4.1, 835.7]}
+    assert main(status(tmp_path, prediction=ahead)) == 0
+    assert capsys.readouterr().out.splitlines()[-4:] == [
+        "prediction",
+        "  after s  lat deg  r95 m",
+        "        1       52    4.1",
+        "       60     52.5  835.7",
+    ]
+
+
+@pytest.mark.parametrize("ahead", [{"a": [1], "b": [1, 2]}, {"a": [], "b": 3}, {}])
+def test_a_prediction_of_another_shape_is_shown_all_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ahead: dict[str, Any]
+) -> None:
+    assert main(status(tmp_path, prediction=ahead)) == 0
+    assert "prediction" in capsys.readouterr().out
+
+
 def test_json_is_passed_on_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

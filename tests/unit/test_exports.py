@@ -310,7 +310,7 @@ def test_nmea_leaves_empty_what_is_not_known(tmp_path: Path) -> None:
 def test_gpsd_understands_every_row(
     alt_m: float, fix_mode: int, tmp_path: Path
 ) -> None:
-    """Debian: `sudo apt install gpsd-tools`."""
+    """Debian 12: `sudo apt install gpsd-clients`; 13: `gpsd-tools`."""
     modes = ["gps", "dr", "still", "gpsonly"]
     rows = [a_row(i / 4, mode=modes[i % 4], alt_m=alt_m) for i in range(20)]
     text = "".join(nmea(points_of(rows, tmp_path)))

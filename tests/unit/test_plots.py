@@ -1,16 +1,20 @@
 """Pictures: that they are drawn, whatever the track; how they look, people judge."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
 
 from fonts import load_fonts
 from imu_tracker.errors import OutputError
-from imu_tracker.plots.chart import choose_circles
+from imu_tracker.plots.chart import choose_circles, draw_map
 from imu_tracker.plots.drawing import MAX_POINTS, envelope, runs
 from imu_tracker.plots.logs import joined
 from imu_tracker.plots.recording import RecordingColumns, plot_recording
+from imu_tracker.plots.timelines import shade_modes
 from imu_tracker.plots.tracks import LogColumns, plot_tracks
 from imu_tracker.scoring import Track
 
@@ -46,6 +50,29 @@ def test_a_log_of_any_length_becomes_a_picture(tmp_path: Path, rows: int) -> Non
     plot_tracks([log], tmp_path / "b.png", shifted(log.track))
     for name in ("a.png", "b.png"):
         assert (tmp_path / name).read_bytes().startswith(PNG)
+
+
+def test_the_strip_of_modes_has_no_holes_but_where_rows_are_missing() -> None:
+    log = a_log(400)
+    late = log.track.utc_s + np.where(np.arange(400) < 320, 0.0, 3600.0)
+    panel = Figure().subplots()
+    shade_modes(panel, log._replace(track=log.track._replace(utc_s=late)))
+    boxes = [path.get_extents() for c in panel.collections for path in c.get_paths()]
+    strips = sorted((box.x0, box.x1) for box in boxes if box.y1 > 0.99)
+    gaps_s = [86400.0 * (after[0] - before[1]) for before, after in pairwise(strips)]
+    assert sorted(gaps_s) == pytest.approx([0.0, 0.0, 0.0, 3600.25], abs=0.01)
+
+
+def test_a_circle_that_holds_the_whole_picture_is_left_out() -> None:
+    log = a_log(400)
+    wide = np.where(np.arange(400) == 0, 1e5, log.r95_m)
+    circles = []
+    for r95_m in (log.r95_m, wide):
+        chart = Figure().subplots()
+        draw_map(chart, [log._replace(r95_m=r95_m)], None)
+        (found,) = (c for c in chart.collections if isinstance(c, EllipseCollection))
+        circles.append(np.max(found.get_widths()))
+    assert circles[0] == circles[1]
 
 
 def test_a_parked_tracker_becomes_a_picture(tmp_path: Path) -> None:

@@ -25,6 +25,9 @@ one, and may come back in the other."""
 HOLD_S: Final = 7
 """What people are told: seconds begin when the chip says so."""
 
+HELD_WINDOWS: Final = 20
+"""So many seconds of trembling are no turn: somebody waits with the box in a hand."""
+
 MAX_LEAN_RAD: Final = math.radians(15.0)
 """Between gravity and a chip axis on a face: the chip's own errors make 4 deg of it."""
 
@@ -55,6 +58,7 @@ class Kind(Enum):
 
     MEASURED = auto()
     MOVED = auto()
+    HELD = auto()
     AGAIN = auto()
     ASKEW = auto()
     NOT_GRAVITY = auto()
@@ -104,6 +108,7 @@ class FaceGuide:
     def __init__(self) -> None:
         self.measured: dict[Face, list[Window]] = {}
         self._run: list[Window] = []
+        self._trembling = 0  # seconds
         self._lies_on: Face | None = None  # and has not left since it was measured
 
     @property
@@ -115,6 +120,10 @@ class FaceGuide:
         """Take the next second; return what there is to say."""
         if self._lies_on is not None and _face_of(window) != self._lies_on:
             self._lies_on = None
+        self._trembling = 0 if is_quiet(window) else self._trembling + 1
+        if self._trembling == HELD_WINDOWS:
+            text = "does not lie still: put it on a table, not in a hand, and let go"
+            return Note(window.t_s, Kind.HELD, text)
         is_same = bool(self._run) and all(
             is_steady(window, known) for known in (self._run[0], self._run[-1])
         )

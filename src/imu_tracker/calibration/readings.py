@@ -101,12 +101,20 @@ def joined(parts: Sequence[Readings]) -> Readings:
     return Readings(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def windows(readings: Readings) -> list[Window]:
-    """Sum up each second; what has a hole, or is too short at its end, is left out."""
+def windows(readings: Readings, size: int | None = None) -> list[Window]:
+    """Sum up each second; what has a hole, or is too short at its end, is left out.
+
+    Parameters
+    ----------
+    readings : Readings
+    size : int, optional
+        Samples of a second. By default what their own rate says, which the chip's
+        clock makes 1 % more or less than nominal.
+    """
     if readings.n < 2:
         return []
     interval_s = readings.interval_s
-    size = max(2, round(WINDOW_S / interval_s))
+    size = size or max(2, round(WINDOW_S / interval_s))
     holes = np.flatnonzero(np.diff(readings.t_s) > _MAX_GAP * interval_s) + 1
     return [
         _window(readings, first, first + size)

@@ -92,7 +92,7 @@ def add_calibrate(subparsers: Subparsers) -> None:
         "--drive",
         type=positive,
         metavar="S",
-        help="mount: drive about for so many seconds afterwards, with GPS",
+        help="mount: when it says so, drive about for so many seconds, with GPS",
     )
     add_config(parser)
     parser.set_defaults(run=run_calibrate)
@@ -108,11 +108,8 @@ def _latitude(text: str) -> float:
 def run_calibrate(args: argparse.Namespace) -> int:
     """Measure one part, and replace it in the file."""
     from imu_tracker.calibration_file import write_calibration
-    from imu_tracker.commands.calibrate_parts import (
-        measure_accel,
-        measure_gyro,
-        measure_mount,
-    )
+    from imu_tracker.commands.calibrate_mount import measure_mount
+    from imu_tracker.commands.calibrate_parts import measure_accel, measure_gyro
 
     config = config_of(args)
     path = args.output or config.imu.calibration

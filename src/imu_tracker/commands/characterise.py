@@ -80,7 +80,7 @@ def add_characterise(subparsers: Subparsers) -> None:
 def run_characterise(args: argparse.Namespace) -> int:
     """Measure and tell."""
     if (args.recording is None) == (args.live is None):
-        raise UsageError("give a recording, or --live SECONDS")
+        raise UsageError("give either a recording or --live SECONDS")
     config = config_of(args)
     refuse_to_overwrite([args.plot], [args.recording])
 

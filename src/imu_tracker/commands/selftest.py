@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import logging
 from typing import TYPE_CHECKING
 
 from imu_tracker.commands.common import (
@@ -15,6 +16,8 @@ from imu_tracker.errors import DeviceNotFoundError
 
 if TYPE_CHECKING:
     from imu_tracker.sensors.selftest import AxisResult
+
+log = logging.getLogger(__name__)
 
 _DESCRIPTION = """\
 Let the MPU-6050 push its own proof masses, and compare the response with what the
@@ -48,11 +51,18 @@ def run_selftest(args: argparse.Namespace) -> int:
 
     clock = MonotonicClock()
     with contextlib.closing(hardware.open_imu_bus(config)) as bus:
-        results = self_test(hardware.imu_driver(config, bus, clock), clock)
+        imu = hardware.imu_driver(config, bus, clock)
+        chip = imu.probe()
+        log.info("%s (WHO_AM_I 0x%02X)", chip.name, chip.who_am_i)
+        results = self_test(imu, clock)
     for result in results:
         write(f"{result.axis:8} {_text(result)}\n")
-    is_bad = any(result.verdict is Verdict.FAILED for result in results)
-    return DeviceNotFoundError.exit_code if is_bad else 0
+    verdicts = {result.verdict for result in results}
+    if Verdict.NOT_APPLICABLE in verdicts:
+        log.info("no MPU-6050: its factory wrote other values, or elsewhere")
+    if Verdict.NOT_GRADED in verdicts:
+        log.info("not graded: the factory wrote no values into this chip")
+    return DeviceNotFoundError.exit_code if Verdict.FAILED in verdicts else 0
 
 
 def _text(result: "AxisResult") -> str:

@@ -138,6 +138,10 @@ def _lines(status: dict[str, Any]) -> Iterator[str]:
     for name, group in groups.items():
         yield ""
         yield _words(name)
+        lists = [value for value in group.values() if isinstance(value, list)]
+        if len(lists) == len(group) and len({len(values) for values in lists}) == 1:
+            yield from _columns(group)
+            continue
         if name == "learnt":
             group = _with_sigmas(group)
         yield from _table(group, indent="  ")
@@ -160,6 +164,18 @@ def _summary(status: dict[str, Any]) -> str:
     if status.get("uptime_s") is not None:
         parts.append(f"up {timedelta(seconds=status['uptime_s'])}")
     return "; ".join(parts)
+
+
+def _columns(lists: dict[str, list[Any]]) -> Iterator[str]:
+    """Lay out lists that belong together beside one another, a line for each entry."""
+    names = [_words(key) for key in lists]
+    rows = [
+        [_text(value) for value in row] for row in zip(*lists.values(), strict=True)
+    ]
+    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
+    for row in (names, *rows):
+        cells = (f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True))
+        yield f"  {'  '.join(cells)}"
 
 
 def _with_sigmas(values: dict[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,9 @@ from imu_tracker.scoring import Track, metres_per_degree
 
 _MAX_CIRCLES: Final = 60
 _MIN_EXTENT_M: Final = 20.0  # however little a parked tracker moves
+_WHOLE_PICTURE: Final = 2.5
+"""Times half of what is shown: such a circle holds the whole picture, and would only
+tint it; the radius over time, below, tells of it."""
 
 
 def draw_map(chart: Axes, logs: Sequence[LogColumns], truth: Track | None) -> None:
@@ -82,7 +85,12 @@ def _draw_track(
         ),
         autolim=False,
     )
+    # A circle may be larger than all that was driven: the track rules the limits.
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    half_m = np.maximum(np.ptp(points, axis=0), _MIN_EXTENT_M) / 2
+    chart.update_datalim([middle - half_m, middle + half_m])
     circles = choose_circles(log, points)
+    circles = circles[log.r95_m[circles] < _WHOLE_PICTURE * half_m.max()]
     diameters_m = 2 * log.r95_m[circles]
     chart.add_collection(
         EllipseCollection(
@@ -99,10 +107,6 @@ def _draw_track(
         ),
         autolim=False,
     )
-    # A circle may be larger than all that was driven: the track rules the limits.
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    half_m = np.maximum(np.ptp(points, axis=0), _MIN_EXTENT_M) / 2
-    chart.update_datalim([middle - half_m, middle + half_m])
 
 
 def choose_circles(log: LogColumns, points: Array) -> Indices:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from imu_tracker.calibration.measures import AxisMeasures
 from imu_tracker.plots.drawing import (
@@ -22,6 +23,13 @@ from imu_tracker.plots.drawing import (
 from imu_tracker.reports import Report
 
 _COLOURS = (BLUE, ORANGE, GREEN)
+
+MINUS = "\N{MINUS SIGN}"  # as the axes have it
+
+SHORT_CURVE = 100.0  # the longest average over the shortest
+
+LEAST_SPAN_DEGC = 0.2
+"""Less is the thermometer's own noise: a picture of it would show a slope."""
 
 
 def plot_noise(report: Report, name: str, output: Path) -> None:
@@ -67,7 +75,8 @@ def _draw_histogram(panel: Axes, axis: AxisMeasures, colour: str) -> None:
         panel.plot(x, gauss, color=BLACK, lw=1.2, label="Gauss")
     unit = "°/s" if is_gyro else "m/s²"
     panel.set_title(
-        f"{axis.name}: {axis.mean * k:+.4f} ± {std:.4f} {unit}", fontsize=11
+        f"{axis.name}: {axis.mean * k:+.4f} ± {std:.4f} {unit}".replace("-", MINUS),
+        fontsize=11,
     )
     panel.set_xlabel(f"deviation from the mean of its second, {unit}")
     panel.set_ylabel("samples")
@@ -84,14 +93,34 @@ def _draw_curves(
         if axis.noise is not None:
             fitted = np.sqrt(axis.noise.variance(tau_s)) * k
             panel.loglog(tau_s, fitted, color=colour, lw=1.2)
-    panel.plot([], [], color=BLACK, lw=1.2, label="fit")
+    if any(axis.noise is not None for axis in axes):
+        panel.plot([], [], color=BLACK, lw=1.2, label="fit")
     panel.set_xlabel("averaging time τ, s")
     panel.set_ylabel(f"Allan deviation, {unit}")
+    tau_s = axes[0].curve.tau_s
+    if len(tau_s) and tau_s[-1] < SHORT_CURVE * tau_s[0]:  # hardly a power of ten
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter("")
+    panel.yaxis.set_minor_formatter("")
     panel.grid(alpha=0.3, which="both")
-    panel.legend(fontsize=9, frameon=False)
+    legend_above(panel)
 
 
 def _draw_temperature(panel: Axes, temp_degc: Array, values: Array, label: str) -> None:
+    span_degc = float(np.ptp(temp_degc))
+    if span_degc < LEAST_SPAN_DEGC:
+        middle_degc = float(np.mean(temp_degc))
+        panel.text(
+            0.5,
+            0.5,
+            f"{middle_degc:.1f} °C all the time: nothing to tell of temperature",
+            ha="center",
+            va="center",
+            transform=panel.transAxes,
+        )
+        panel.set_axis_off()
+        return
     order = np.argsort(temp_degc, kind="stable")
     for column, colour in enumerate(_COLOURS):
         sorted_values = values[order, column] - values[:, column].mean()

@@ -72,17 +72,22 @@ def _draw_triad(panel: Axes, t_s: Array, values: Array) -> None:
 
 
 def _draw_fixes(panel: Axes, recording: RecordingColumns) -> None:
-    panel.plot(
-        recording.fix_s, recording.fix_sigma_m, ".", color=BLUE, ms=3, label="fix"
-    )
-    panel.plot(
-        recording.no_fix_s,
-        np.zeros(len(recording.no_fix_s)),
-        "|",
-        color=VERMILION,
-        ms=12,
-        label="no fix",
-    )
+    if len(recording.fix_s):
+        panel.plot(
+            recording.fix_s, recording.fix_sigma_m, ".", color=BLUE, ms=3, label="fix"
+        )
+    if len(recording.no_fix_s):
+        panel.plot(
+            recording.no_fix_s,
+            np.zeros(len(recording.no_fix_s)),
+            "|",
+            color=VERMILION,
+            ms=12,
+            label="no fix",
+        )
     panel.set_ylabel("sigma of a fix, m")
     panel.set_ylim(bottom=0)
-    legend_above(panel)
+    if panel.lines:
+        legend_above(panel)
+    else:
+        panel.text(0.5, 0.5, "no receiver", ha="center", transform=panel.transAxes)

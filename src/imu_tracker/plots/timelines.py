@@ -91,10 +91,14 @@ def draw_radius(panel: Axes, logs: Sequence[LogColumns], truth: Track | None) ->
 
 def shade_modes(panel: Axes, log: LogColumns) -> None:
     """Draw the modes as a strip along the top, and dead reckoning all the way down."""
-    days = _days(log.track.utc_s)
+    utc_s = log.track.utc_s
+    days = _days(utc_s)
+    # A mode lasts until the next row, unless there is none for long.
+    follows = np.append(np.diff(utc_s) <= MAX_GAP_S, False)
+    ends = np.where(follows, np.append(days[1:], days[-1]), days)
     for mode, (colour, _) in MODES.items():
         bars = [
-            (days[start], days[stop - 1] - days[start])
+            (days[start], ends[stop - 1] - days[start])
             for start, stop in runs(log.mode == mode)
         ]
         panel.broken_barh(
