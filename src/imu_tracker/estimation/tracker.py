@@ -22,7 +22,7 @@ from imu_tracker.estimation.navigator import (
     Rewinding,
 )
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
-from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
+from imu_tracker.estimation.preintegration import ImuStep, Preintegrator
 from imu_tracker.estimation.six_state import SixState
 from imu_tracker.estimation.standstill import Rest, StandstillDetector
 from imu_tracker.estimation.utc import UtcClock
@@ -156,8 +156,7 @@ class Tracker:
         while self._step_ns is not None and t_ns >= self._step_ns + COAST_AFTER_NS:
             self._now_ns = max(self._now_ns, self._step_ns + COAST_AFTER_NS)
             end_ns = self._step_ns + COAST_NS
-            self._preintegrator.skip_to(end_ns)
-            rows += self._on_step(gap_step(end_ns, COAST_NS * 1e-9))
+            rows += self._on_step(self._preintegrator.bridge(end_ns, COAST_NS * 1e-9))
         self._now_ns = max(self._now_ns, t_ns)
         return rows + self._due_rows()
 
