@@ -52,6 +52,7 @@ class World:
         self.outcomes: list[FixOutcome] = []
         self.imu_lives = self.gps_lives = True
         self.shake = 1.0  # of the road
+        self.utc_off_s = 0.0  # of the receiver
         self._rng = np.random.default_rng(11)
         self._due_ns = 0
         self._waiting: list[GpsFix] = []
@@ -71,7 +72,8 @@ class World:
         lat, lon = HOME.to_lat_lon(way + north_off_m, 0.0)
         vel = (speed, 0.0) if self.has_velocity else None
         arrival_ns = t_ns + self.latency_ns
-        return GpsFix(arrival_ns, UTC_S + t_ns / SECOND_NS, lat, lon, 7.0, vel, 2.0, 1)
+        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s
+        return GpsFix(arrival_ns, utc_s, lat, lon, 7.0, vel, 2.0, 1)
 
     def hear(self, fix: GpsFix) -> FixOutcome:
         self.rows += self.tracker.advance(fix.t_ns)
@@ -103,7 +105,7 @@ class World:
             yield sample._replace(accel_mps2=(ax, ay, az), gyro_radps=(gx, gy, gz))
 
     def miss_m(self, row: NavState) -> float:
-        way, _, _ = self.travelled(row.utc_s - UTC_S)
+        way, _, _ = self.travelled(row.utc_s - UTC_S - self.utc_off_s)
         north, east = HOME.to_ne(row.lat_rad, row.lon_rad)
         return math.hypot(north - way, east)
 
@@ -355,6 +357,31 @@ def test_a_fix_older_than_the_history_is_too_late() -> None:
     world.go(0.3)
     assert world.rows[-1].r95_m == pytest.approx(before.r95_m, rel=0.1)
     assert world.tracker.counters["fixes_too_late"] == 1
+
+
+@pytest.mark.parametrize("estimator", ["six-state", "error-state"])
+@pytest.mark.parametrize("leap_s", [-1.0, 1.0])
+def test_a_leap_second_costs_three_fixes_and_no_truth(
+    leap_s: float, estimator: str
+) -> None:
+    # At 20 m/s a fix that is dated wrong by a second is 20 m off.
+    world = World(speed=20.0, estimator=estimator)
+    world.go(60.0)
+    world.tracker.take_notices()
+    world.utc_off_s = leap_s
+    world.go(1.5)
+    n_rows = len(world.rows)
+    world.go(31.5)
+    assert world.outcomes[-33:].count(FixOutcome.UNDATED) == 2
+    assert set(world.outcomes[-30:]) == {FixOutcome.ACCEPTED}
+    (told,) = (n for n in world.tracker.take_notices() if "jumped" in n)
+    assert told == f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows"
+    # By the new time rows are up to a second off until they have followed; r95 says so.
+    rows = world.rows[n_rows:]
+    assert max(map(world.miss_m, rows)) > 15.0
+    assert all(world.miss_m(row) <= row.r95_m for row in rows)
+    assert rows[-1].r95_m == pytest.approx(world.rows[n_rows - 20].r95_m, rel=0.2)
+    assert_no_hole(world.rows, 4)
 
 
 def test_a_backlog_in_one_burst_does_not_become_now() -> None:
