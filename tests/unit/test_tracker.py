@@ -468,6 +468,43 @@ def test_a_parked_body_that_was_carried_away_is_found_again(
     assert abs(world.miss_m(world.rows[-1]) - 300.0) < 10.0
 
 
+GLIDES = (
+    "rest is believed although nothing that was felt can have stopped a body of that "
+    "speed: 10 m/s within 4 s (error-state, its profile unknown), within 14 s (six-state)"
+)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "profile", "still_s"),
+    [
+        ("error-state", "auto", 10.0),
+        ("error-state", "vehicle", -100.0),
+        pytest.param(
+            *("error-state", "auto", -100.0),
+            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
+        ),
+        pytest.param(
+            *("six-state", "free", 10.0),
+            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
+        ),
+    ],
+)
+def test_who_glides_into_a_tunnel_is_not_at_rest_there(
+    estimator: str, profile: str, still_s: float
+) -> None:
+    # A boat or a train without a shake, that has gone for long when it is first seen, or
+    # was seen to start.
+    world = World(speed=10.0, still_s=still_s, estimator=estimator, profile=profile)
+    world.shake = 0.0
+    world.go(100.0)
+    world.gps_lives = False
+    n_rows = len(world.rows)
+    world.go(20.0)
+    rows = world.rows[n_rows:]
+    inside = sum(world.miss_m(row) <= row.r95_m for row in rows)
+    assert inside / len(rows) >= 0.95
+
+
 # -------------------------------------------------------------- without a first fix
 
 
