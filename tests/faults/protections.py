@@ -307,7 +307,10 @@ PROTECTIONS: Final = (
         "tests/unit/test_tracker.py",
     ),
     Protection(
-        *("a leap second dates fixes wrong", "whole seconds are in doubt, then believed"),
+        *(
+            "a leap second dates fixes wrong",
+            "whole seconds are in doubt, then believed",
+        ),
         *("estimation/utc.py", " < STALE_NS and not is_leap:", " < STALE_NS:"),
         "[a leap second-moving]",
     ),
@@ -317,7 +320,10 @@ PROTECTIONS: Final = (
         "tests/unit/test_tracker.py",
     ),
     Protection(
-        *("what a dead chip says is no number", "a gap is as warm as the sample before"),
+        *(
+            "what a dead chip says is no number",
+            "a gap is as warm as the sample before",
+        ),
         *(
             "estimation/preintegration.py",
             "math.nan if last is None else last.temp_degc",

@@ -7,7 +7,7 @@ import atheris
 
 
 def main() -> None:
-    # Filters compute the same whatever the numbers are: their branches lead nowhere new,
+    # Filters compute the same whatever the numbers are: their branches lead nowhere,
     # and tracing them takes longer than they do.
     with atheris.instrument_imports(
         include=["imu_tracker"], exclude=["imu_tracker.estimation"]
