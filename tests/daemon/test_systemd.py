@@ -52,6 +52,14 @@ def test_with_network_it_exposes_little_more(root: Path) -> None:
     assert 1.0 < exposure(root) <= 1.6  # above: it was read
 
 
+def test_narrowed_it_exposes_no_more(root: Path) -> None:
+    broad = exposure(root)
+    drop_ins = root / f"etc/systemd/system/{UNIT}.d"
+    drop_ins.mkdir()
+    shutil.copy(SYSTEMD / "narrow.conf", drop_ins)
+    assert exposure(root) <= broad
+
+
 def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
     # The program is nowhere on this machine: another stands for it.
     text = (SYSTEMD / UNIT).read_text("utf-8")

@@ -215,8 +215,10 @@ class FakeMpu6050:
         if self.is_asleep:
             self._restart_sampling()
         due = int((now_ns - self._epoch_ns) // self.period_ns)
-        if self._bursts is None:  # nobody misses what the FIFO cannot hold
-            self._sampled = max(self._sampled, due - self._fifo_size)
+        if self._bursts is None:  # nobody misses what neither FIFO nor registers hold
+            is_kept = self._registers[0x6A] & 0x40 and self._registers[0x23]
+            kept = self._fifo_size if is_kept else 1
+            self._sampled = max(self._sampled, due - kept)
         while self._sampled < due:
             self._sampled += 1
             self._sample(self._epoch_ns + self._sampled * self.period_ns)

@@ -89,6 +89,7 @@ def judge(fault: Fault, at_s: float, bench: Bench, result: Result) -> Cell:
     expect(
         all(line.level < logging.ERROR for line in result.journal), "an error was told"
     )
+    expect(not result.said("is not kept"), "what was learnt is not kept")
     fed_s = [b - a for a, b in pairwise(result.fed_s)]
     expect(max(fed_s) <= 1.1 + 1.2 * fault.is_late, f"fed after {max(fed_s)} s")
     for name in fault.counters:

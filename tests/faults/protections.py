@@ -307,6 +307,31 @@ PROTECTIONS: Final = (
         "tests/unit/test_tracker.py",
     ),
     Protection(
+        *(
+            "a leap second dates fixes wrong",
+            "whole seconds are in doubt, then believed",
+        ),
+        *("estimation/utc.py", " < STALE_NS and not is_leap:", " < STALE_NS:"),
+        "[a leap second-moving]",
+    ),
+    Protection(
+        *("rows follow a leap second slowly", "r95 grows by what they are dated wrong"),
+        *("estimation/tracker.py", "believed.r95_m + way_m,", "believed.r95_m,"),
+        "tests/unit/test_tracker.py",
+    ),
+    Protection(
+        *(
+            "what a dead chip says is no number",
+            "a gap is as warm as the sample before",
+        ),
+        *(
+            "estimation/preintegration.py",
+            "math.nan if last is None else last.temp_degc",
+            "math.nan",
+        ),
+        "tests/unit/test_memory.py",
+    ),
+    Protection(
         *("a full queue blocks or is hidden", "refused frames are counted and told"),
         *("daemon/live.py", "if len(self._queue) < MAX_WAITING:", "if True:"),
         "[queue overrun-moving]",

@@ -60,6 +60,7 @@ class Fault(NamedTuple):
 
 SPOOFED: Final = "may be led astray"
 LOST: Final = "position lost; started again from the receiver"
+JUMPED: Final = "the receiver's time jumped"
 OVERLOADED: Final = "more than its line carries"
 BUS: Final[dict[str, Any]] = {"back": "imu", "mode": "gpsonly", "says": "imu lost"}
 RESET: Final[dict[str, Any]] = {"back": "imu", "within_s": 1.0, "says": "imu reset"}
@@ -203,6 +204,7 @@ FAULTS: Final = (
         back="gps",
         within_s=4.0,
         moves_time=True,
+        counters=("fixes_undated",),
     ),
     Fault(
         "time one hour ahead for ever",
@@ -210,13 +212,17 @@ FAULTS: Final = (
         say=strikes.said(sentences.timed(3600), 1e3),
         phases=TRACKING,
         moves_time=True,
+        says=JUMPED,
     ),
     Fault(
         "a leap second",
         FOR_EVER,
         say=strikes.said(sentences.timed(-1), 1e3),
-        phases=TRACKING,
+        phases=(*TRACKING, Phase.OUTAGE),
         moves_time=True,
+        for_s=25,
+        counters=("fixes_undated",),
+        says=JUMPED,
     ),
     Fault("epochs twice for 10 s", 10, say=strikes.doubled, **GPS),
     Fault(

@@ -5,10 +5,6 @@ import pytest
 from faults.campaign import run
 from faults.table import ALWAYS, FAULTS, Fault, Phase
 
-SLOW_TO_BELIEVE = (
-    "a receiver that changes its mind about UTC by less than 2 s is believed only "
-    "when half of the last 40 epochs say so; until then fixes are dated wrong"
-)
 OFF_IN_THE_DARK = (
     "who sets off without GPS has no heading yet, and r95 grows too slowly"
 )
@@ -18,13 +14,11 @@ TURNED_OFF = (
 )
 
 LEFT_TO_ESTIMATORS: dict[tuple[str, str, Phase], str] = {
-    ("six-state", "a leap second", Phase.MOVING): SLOW_TO_BELIEVE,
     ("six-state", "GPS silent for ever", Phase.STILL): OFF_IN_THE_DARK,
     (
         *("six-state", "10 Hz over 9600 baud, endless buffer"),
         Phase.START,
     ): OFF_IN_THE_DARK,
-    ("error-state", "a leap second", Phase.MOVING): SLOW_TO_BELIEVE,
     ("error-state", "NACK for ever", Phase.OUTAGE): TURNED_OFF,
 }
 """r95 does not hold the truth; each must go on failing until it is mended there."""

@@ -90,12 +90,13 @@ rm -f wheels/imu_tracker-*.whl
 "${pip[@]}" wheel --no-deps --wheel-dir wheels "$CHECKOUT"
 
 # ------------------------------------------------------------- base of the root
-key=$suite
+packages=systemd,systemd-sysv,udev,kmod,dbus,sudo,procps,python3,python3-venv
+key=$suite,$packages
 if ! is_made base.tar "$key"; then
     stage "the root file system of Debian $suite"
     mirror=$(apt-get indextargets --format "\$(REPO_URI)" | head -n 1) # where apt goes
     mmdebstrap --variant=minbase --quiet \
-        --include=systemd,systemd-sysv,udev,kmod,dbus,sudo,python3,python3-venv \
+        --include="$packages" \
         --aptopt='Acquire::Languages "none"' --dpkgopt=force-unsafe-io \
         --dpkgopt='path-exclude=/usr/share/man/*' \
         --dpkgopt='path-exclude=/usr/share/doc/*' \

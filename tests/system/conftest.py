@@ -19,7 +19,7 @@ GUEST_BUS = "/mnt/host/tests/system/guest/bus.py"
 
 # 20 samples a second keep the emulated chip and its emulated bus at some 45 transfers a
 # second; they manage 50 to 80, a real bus a thousand.
-SETTINGS = {"rate_hz": "20.0", "bandwidth_hz": "10"}
+SETTINGS = {"rate_hz": "20.0", "bandwidth_hz": "5"}
 
 Measure = Callable[[str, float, str], None]
 

@@ -1,8 +1,8 @@
 """A receiver in a train: ten metres a second due east, for as long as the tests last.
 
-A train at constant speed feels nothing but gravity, as the chip inside the machine
-does, so both sensors tell the same story and the truth of every row is known. Its UTC
-goes on through power cuts, and is not that of anybody's system clock.
+A train at constant speed feels nothing but gravity and its own shaking, as the chip
+inside the machine does, so both sensors tell the same story and the truth of every row
+is known. Its UTC goes on through power cuts, and is not that of anybody's system clock.
 """
 
 import math
@@ -68,8 +68,10 @@ class Receiver:
     def silence(self) -> None:
         self._is_silent = True
 
-    def speak(self) -> None:
+    def speak(self) -> float:
+        """Speak again; return the UTC of the next epoch."""
         self._is_silent = False
+        return START.timestamp() + self._next_s()
 
     def hold(self) -> None:
         self._pile = []
@@ -92,10 +94,14 @@ class Receiver:
             elif not self._is_silent:
                 self._send(epoch, _PIECE / BYTES_PER_S)
 
+    def _next_s(self) -> int:
+        """Return the second of the next epoch, from the beginning."""
+        return math.floor(time.monotonic() - self._begun_s - LATENCY_S) + 1
+
     def _seconds(self) -> Iterator[int]:
         """Yield each whole second when its epoch is due."""
         while not self._stop.is_set():
-            elapsed_s = math.floor(time.monotonic() - self._begun_s - LATENCY_S) + 1
+            elapsed_s = self._next_s()
             due_s = self._begun_s + elapsed_s + LATENCY_S
             if not self._stop.wait(max(0.0, due_s - time.monotonic())):
                 yield elapsed_s

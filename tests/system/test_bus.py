@@ -17,6 +17,7 @@ from system.tracker import (
 
 pytestmark = pytest.mark.system
 
+DEVICE = "test -c /dev/i2c-1"
 BACK_S = 2.0
 SCRUB_S = 1.0
 
@@ -43,7 +44,11 @@ def test_the_bus_may_fail_and_come_back(
     begun_s = tracker.bus(begin)["t_s"]
     time.sleep(lasts_s)
     tracker.wait_for_imu(is_there=False)
-    mended_s = tracker.bus(end)["t_s"]
+    tracker.bus(end)
+    # An adapter is back when the kernel and udev have made its device anew.
+    tracker.wait_for("its device", lambda: tracker.machine.tries(DEVICE).code == 0)
+    tracker.machine.runs("udevadm settle")
+    mended_s = tracker.uptime_s()
     tracker.wait_for_imu(is_there=True)
     assert tracker.pid() == pid, "no fault of a sensor ends the daemon"
     said = [line for line in tracker.journal(begun_s) if line.text.startswith("imu ")]
@@ -53,7 +58,7 @@ def test_the_bus_may_fail_and_come_back(
     rows = rows_since(tracker, newest)
     assert longest_hole_s(rows) == pytest.approx(GRID_S), "rows never stop"
     measure("said after", lost.t_s - begun_s, "s")
-    measure("back after", ready.t_s - mended_s, "s")
+    measure("back after", max(0.0, ready.t_s - mended_s), "s")
     measure("truth inside r95", 100 * truth_inside_r95(rows), "%")
     assert ready.t_s - mended_s <= BACK_S * SLOW
     assert truth_inside_r95(rows) >= 0.9

@@ -116,9 +116,14 @@ class Tracker:
         return self.machine.runs(f"cat {path}")
 
     def rows(self, last: int = 0) -> list[Row]:
-        """Return all rows, or so many of the newest; each must be whole."""
+        """Return all rows, or so many of the newest; each must be whole.
+
+        But for what follows the last newline: a row that is just being written, or
+        after a power cut what the daemon has not cut off yet. Were it to stay there,
+        the next row would not be one.
+        """
         text = self.machine.runs(f"tail -n {last} {LOG}") if last else self.text()
-        return rows_of(text)
+        return rows_of(_whole_lines(text))
 
     # Waiting.
 
@@ -158,12 +163,15 @@ class Tracker:
 
     def newest(self) -> float:
         """Return the time of the newest row, minus infinity without any."""
-        done = self.machine.tries(f"tail -n 1 {LOG}")
-        rows = rows_of(done.out)
+        rows = rows_of(_whole_lines(self.machine.tries(f"tail -n 2 {LOG}").out))
         return rows[-1].utc_s if rows else -math.inf
 
     def _last_words(self) -> str:
         return "\n".join(line.text for line in self.journal()[-20:])
+
+
+def _whole_lines(text: str) -> str:
+    return text[: text.rfind("\n") + 1]
 
 
 def rows_of(text: str) -> list[Row]:

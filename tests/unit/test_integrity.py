@@ -242,6 +242,20 @@ def test_a_leap_is_the_gates_affair() -> None:
     assert watch.counters == {}
 
 
+def test_a_leap_second_is_no_way() -> None:
+    # By UTC the second epoch after it comes a second after the last one before it, by
+    # the clock two; that one in between has the time of the last one, and is dropped.
+    watch = DragWatch()
+    for second in range(200):
+        here = fix(second, north_m=70.0 * second, v_north_mps=70.0)
+        assert here.utc_s is not None
+        if second > 100:
+            here = here._replace(utc_s=here.utc_s - 1.0)
+        if second != 100:
+            watch.on_fix(here)
+    assert watch.counters == {}
+
+
 def test_a_receiver_without_velocities_says_nothing_by_its_places() -> None:
     assert watched(200, lambda t: 10.0 * t, lambda _: None).counters == {}
 

@@ -9,7 +9,7 @@ import pytest
 from imu_tracker.estimation.memory import Learnt, Since, grown
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.pipeline import Pipeline
-from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader
+from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader, Source
 from imu_tracker.simulation import TruthRow, simulate
 from simulated import Figures, compare
 
@@ -85,3 +85,21 @@ def test_a_box_that_was_laid_on_its_side_is_noticed_by_gravity() -> None:
     cold, _ = tracked(3, mount=("+x", "+z", "-y"))
     assert any("box was turned" in notice for notice in pipeline.take_notices())
     assert warm.rms < 1.2 * cold.rms
+
+
+def test_what_was_learnt_is_no_poison_when_the_chip_dies_before_the_first_fix() -> None:
+    header, frames, _ = simulated(4)
+    settings = TrackerSettings("error-state", "vehicle", None, prior=learnt())
+    pipeline = Pipeline(header, settings)
+    start_ns = frames[0].t_ns
+    for t_ns, source, data in frames:
+        is_dead = 2 * 10**9 < t_ns - start_ns < 60 * 10**9
+        if is_dead and source is Source.IMU:
+            continue
+        for row in pipeline.feed(Frame(t_ns, source, data)):
+            assert math.isfinite(row.lat_rad + row.lon_rad + row.r95_m)
+            assert row.r95_m < 1000.0
+    kept = pipeline.learnt()
+    assert kept is not None
+    assert kept.temp_degc is not None
+    assert math.isfinite(kept.temp_degc)

@@ -194,7 +194,9 @@ def test_a_long_hole_is_a_gap_of_which_nothing_is_known() -> None:
 def test_time_that_was_bridged_from_outside_is_not_integrated_again() -> None:
     preintegrator = Preintegrator()
     steps_of([alive(k * 10**7) for k in range(7)], preintegrator)
-    preintegrator.skip_to(500_000_000)
+    bridge = preintegrator.bridge(500_000_000, 0.1)
+    assert bridge.is_gap
+    assert bridge.t_ns == 500_000_000
     late = preintegrator.add(alive(400_000_000))
     assert late is None
     assert preintegrator.counters["repeated_samples"] == 1
@@ -202,6 +204,17 @@ def test_time_that_was_bridged_from_outside_is_not_integrated_again() -> None:
     assert step is not None
     assert step.is_gap
     assert step.dt_s == pytest.approx(0.030)
+
+
+def test_in_a_gap_the_temperature_is_the_last_one() -> None:
+    # Of what is learnt it says how warm the chip was, and is no number without it.
+    preintegrator = Preintegrator()
+    assert math.isnan(preintegrator.bridge(10_000_000, 0.1).temp_degc)
+    steps_of([alive(k * 10**7) for k in range(2, 7)], preintegrator)
+    assert preintegrator.bridge(500_000_000, 0.1).temp_degc == alive(0).temp_degc
+    step = preintegrator.add(alive(900_000_000))
+    assert step is not None
+    assert step.temp_degc == alive(0).temp_degc
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

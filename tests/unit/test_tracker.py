@@ -52,6 +52,7 @@ class World:
         self.outcomes: list[FixOutcome] = []
         self.imu_lives = self.gps_lives = True
         self.shake = 1.0  # of the road
+        self.utc_off_s = 0.0  # of the receiver
         self._rng = np.random.default_rng(11)
         self._due_ns = 0
         self._waiting: list[GpsFix] = []
@@ -71,7 +72,8 @@ class World:
         lat, lon = HOME.to_lat_lon(way + north_off_m, 0.0)
         vel = (speed, 0.0) if self.has_velocity else None
         arrival_ns = t_ns + self.latency_ns
-        return GpsFix(arrival_ns, UTC_S + t_ns / SECOND_NS, lat, lon, 7.0, vel, 2.0, 1)
+        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s
+        return GpsFix(arrival_ns, utc_s, lat, lon, 7.0, vel, 2.0, 1)
 
     def hear(self, fix: GpsFix) -> FixOutcome:
         self.rows += self.tracker.advance(fix.t_ns)
@@ -103,7 +105,7 @@ class World:
             yield sample._replace(accel_mps2=(ax, ay, az), gyro_radps=(gx, gy, gz))
 
     def miss_m(self, row: NavState) -> float:
-        way, _, _ = self.travelled(row.utc_s - UTC_S)
+        way, _, _ = self.travelled(row.utc_s - UTC_S - self.utc_off_s)
         north, east = HOME.to_ne(row.lat_rad, row.lon_rad)
         return math.hypot(north - way, east)
 
@@ -357,6 +359,31 @@ def test_a_fix_older_than_the_history_is_too_late() -> None:
     assert world.tracker.counters["fixes_too_late"] == 1
 
 
+@pytest.mark.parametrize("estimator", ["six-state", "error-state"])
+@pytest.mark.parametrize("leap_s", [-1.0, 1.0])
+def test_a_leap_second_costs_three_fixes_and_no_truth(
+    leap_s: float, estimator: str
+) -> None:
+    # At 20 m/s a fix that is dated wrong by a second is 20 m off.
+    world = World(speed=20.0, estimator=estimator)
+    world.go(60.0)
+    world.tracker.take_notices()
+    world.utc_off_s = leap_s
+    world.go(1.5)
+    n_rows = len(world.rows)
+    world.go(31.5)
+    assert world.outcomes[-33:].count(FixOutcome.UNDATED) == 2
+    assert set(world.outcomes[-30:]) == {FixOutcome.ACCEPTED}
+    (told,) = (n for n in world.tracker.take_notices() if "jumped" in n)
+    assert told == f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows"
+    # By the new time rows are up to a second off until they have followed; r95 says so.
+    rows = world.rows[n_rows:]
+    assert max(map(world.miss_m, rows)) > 15.0
+    assert all(world.miss_m(row) <= row.r95_m for row in rows)
+    assert rows[-1].r95_m == pytest.approx(world.rows[n_rows - 20].r95_m, rel=0.2)
+    assert_no_hole(world.rows, 4)
+
+
 def test_a_backlog_in_one_burst_does_not_become_now() -> None:
     # The port hung for 20 s; then all its fixes come at once.
     world = World(speed=10.0)
@@ -439,6 +466,43 @@ def test_a_parked_body_that_was_carried_away_is_found_again(
     monkeypatch.setattr(world, "fix_of", lambda t_ns: honest(t_ns, 300.0))
     world.go(30.0)
     assert abs(world.miss_m(world.rows[-1]) - 300.0) < 10.0
+
+
+GLIDES = (
+    "rest is believed although nothing that was felt can have stopped the body: from "
+    "10 m/s after 4 s (error-state, its profile unknown) or 14 s (six-state)"
+)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "profile", "still_s"),
+    [
+        ("error-state", "auto", 10.0),
+        ("error-state", "vehicle", -100.0),
+        pytest.param(
+            *("error-state", "auto", -100.0),
+            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
+        ),
+        pytest.param(
+            *("six-state", "free", 10.0),
+            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
+        ),
+    ],
+)
+def test_who_glides_into_a_tunnel_is_not_at_rest_there(
+    estimator: str, profile: str, still_s: float
+) -> None:
+    # A boat or a train without a shake, that was seen to start, or has gone for long
+    # when it is first seen.
+    world = World(speed=10.0, still_s=still_s, estimator=estimator, profile=profile)
+    world.shake = 0.0
+    world.go(60.0)
+    world.gps_lives = False
+    n_rows = len(world.rows)
+    world.go(20.0)
+    rows = world.rows[n_rows:]
+    inside = sum(world.miss_m(row) <= row.r95_m for row in rows)
+    assert inside / len(rows) >= 0.95
 
 
 # -------------------------------------------------------------- without a first fix

@@ -1,5 +1,7 @@
 """UTC against the host's clock: jitter, backlogs, jumps, and rows that only slew."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,66 @@ def test_a_change_of_mind_is_believed_after_seconds() -> None:
         epoch(clock, k * SECOND, utc_off_s=-3.0)
     assert clock.jumps == 1
     assert offset_error_ns(clock) == pytest.approx(-3 * SECOND, abs=1000)
+
+
+@pytest.mark.parametrize("leap_s", [-18.0, -2.0, -1.0, 1.0, 2.0, 18.0])
+def test_a_leap_of_whole_seconds_is_in_doubt_for_three_epochs(leap_s: float) -> None:
+    # The smallest would be taken for jitter, and believed after half of the window.
+    rng = np.random.default_rng(6)
+    clock = settled(30)
+    jumps = []
+    for k in range(30, 33):
+        assert clock.is_in_doubt is (k > 30)
+        late_ns = LATENCY + int(rng.uniform(-60, 60) * MS)
+        jumps.append(clock.observe(k * SECOND + late_ns, UTC_S + k + leap_s))
+    assert not clock.is_in_doubt
+    assert jumps[:2] == [0.0, 0.0]
+    assert jumps[2] == pytest.approx(leap_s, abs=0.1)
+    assert offset_error_ns(clock) == pytest.approx(leap_s * SECOND, abs=100 * MS)
+
+
+def test_an_epoch_that_comes_a_second_late_is_in_doubt_alone() -> None:
+    clock, doubts = settled(30), []
+    for k, late_ns in ((30, LATENCY + SECOND), (31, LATENCY)):
+        epoch(clock, k * SECOND, late_ns)
+        doubts.append(clock.is_in_doubt)
+    assert doubts == [True, False]
+    assert clock.jumps == 0
+    assert abs(offset_error_ns(clock)) < MS
+
+
+def test_a_receiver_that_smooths_comes_a_second_late_by_and_by() -> None:
+    # As real ones do: from 0.2 s to 1.8 s and back within a minute.
+    clock = settled(30)
+    for k in range(30, 300):
+        late_ns = LATENCY + round(0.8 * SECOND * (1.0 - math.cos(k / 10)))
+        epoch(clock, k * SECOND, late_ns)
+        assert not clock.is_in_doubt
+    assert clock.jumps == 0
+
+
+def test_what_comes_from_the_future_is_in_doubt() -> None:
+    clock, doubts = settled(30), []
+    for k, utc_off_s in ((30, 7.4), (31, -7.4)):  # the other one a buffer held
+        epoch(clock, k * SECOND, utc_off_s=utc_off_s)
+        doubts.append(clock.is_in_doubt)
+    assert doubts == [True, False]
+
+
+def test_rows_that_are_slewed_say_how_far_off_their_date_is() -> None:
+    clock, period = settled(30), 250 * MS
+    assert clock.behind_ns(period) == 0
+    for k in range(30, 33):
+        epoch(clock, k * SECOND, utc_off_s=-1.0)
+    behind = []
+    while (now := clock.behind_ns(period)) > 0:
+        behind.append(now)
+        clock.slew(period)
+    assert behind[0] == pytest.approx(SECOND, abs=MS)
+    assert np.diff(behind) == pytest.approx(-SLEW * period)
+    for k in range(33, 36):
+        epoch(clock, k * SECOND, utc_off_s=3600.0)
+    assert clock.behind_ns(period) == 0  # the time is wrong, the place is not
 
 
 @pytest.mark.parametrize("jump_s", [-3.0, 3.0, 18.0])

@@ -42,6 +42,7 @@ KINDS: Final[Mapping[str, tuple[str, ...]]] = {
         "fixes_outlier",
         "fixes_frozen",
         "fixes_too_late",
+        "fixes_undated",
         "suspect_fixes",
     ),
     "disk": (

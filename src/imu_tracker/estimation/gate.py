@@ -22,6 +22,7 @@ class FixOutcome(StrEnum):
     REACQUIRED = "reacquired"
     FROZEN = "frozen"
     TOO_LATE = "too_late"
+    UNDATED = "undated"
 
 
 NIS_LIMIT: Final = 25.0

@@ -50,11 +50,11 @@ class ImuStep(NamedTuple):
     is_gap: bool  # nothing is known of this time; increments are zero
 
 
-def gap_step(t_ns: int, dt_s: float) -> ImuStep:
+def gap_step(t_ns: int, dt_s: float, temp_degc: float = math.nan) -> ImuStep:
     """Step over a time in which the sensor said nothing."""
     zero = (0.0, 0.0, 0.0)
     return ImuStep(
-        t_ns, dt_s, zero, zero, 0, zero, zero, 0.0, 0.0, math.nan, False, True
+        t_ns, dt_s, zero, zero, 0, zero, zero, 0.0, 0.0, temp_degc, False, True
     )
 
 
@@ -81,9 +81,10 @@ class Preintegrator:
         self._start_ns: int | None = None
         self._samples: list[ImuSample] = []
 
-    def skip_to(self, t_ns: int) -> None:
-        """Forget what was summed: the time up to `t_ns` was bridged by gap steps."""
+    def bridge(self, t_ns: int, dt_s: float) -> ImuStep:
+        """Return a step through silence, up to `t_ns`; what was summed is forgotten."""
         self._start_ns, self._samples = t_ns, []
+        return self._gap(t_ns, dt_s)
 
     def add(self, sample: ImuSample) -> ImuStep | None:
         """Take one sample; return the step that it completes, if it does.
@@ -105,13 +106,17 @@ class Preintegrator:
         if not samples or dt_ns > GAP_NS:
             self.counters["imu_gaps"] += 1
             self._begin(sample)
-            return gap_step(t_ns, (t_ns - start_ns) * 1e-9)
+            return self._gap(t_ns, (t_ns - start_ns) * 1e-9)
         samples.append(sample)
         # Half an interval of tolerance, so that jitter does not change the count.
         if t_ns - start_ns + dt_ns // 2 < STEP_NS:
             return None
         self._begin(sample)
         return _integrate(samples, self.gyro_bias_radps)
+
+    def _gap(self, t_ns: int, dt_s: float) -> ImuStep:
+        last = self._previous
+        return gap_step(t_ns, dt_s, math.nan if last is None else last.temp_degc)
 
     def _begin(self, sample: ImuSample) -> None:
         self._start_ns, self._samples = sample.t_ns, [sample]

@@ -22,7 +22,7 @@ from imu_tracker.estimation.navigator import (
     Rewinding,
 )
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
-from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
+from imu_tracker.estimation.preintegration import ImuStep, Preintegrator
 from imu_tracker.estimation.six_state import SixState
 from imu_tracker.estimation.standstill import Rest, StandstillDetector
 from imu_tracker.estimation.utc import UtcClock
@@ -48,7 +48,11 @@ START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
 that fix is then taken like any other."""
 
-UNHEARD_OUTCOMES: Final = (FixOutcome.TOO_LATE, FixOutcome.FROZEN)
+UNHEARD_OUTCOMES: Final = (
+    FixOutcome.TOO_LATE,
+    FixOutcome.UNDATED,
+    FixOutcome.FROZEN,
+)
 """Of these not even the speed is believed."""
 
 _NO_ROWS: Final[list[NavState]] = []
@@ -156,14 +160,13 @@ class Tracker:
         while self._step_ns is not None and t_ns >= self._step_ns + COAST_AFTER_NS:
             self._now_ns = max(self._now_ns, self._step_ns + COAST_AFTER_NS)
             end_ns = self._step_ns + COAST_NS
-            self._preintegrator.skip_to(end_ns)
-            rows += self._on_step(gap_step(end_ns, COAST_NS * 1e-9))
+            rows += self._on_step(self._preintegrator.bridge(end_ns, COAST_NS * 1e-9))
         self._now_ns = max(self._now_ns, t_ns)
         return rows + self._due_rows()
 
     def on_time(self, time: UtcTime) -> None:
         """Learn UTC from a receiver that does not know the place yet."""
-        self._utc.observe(time.t_ns, time.utc_s)
+        self._hear_time(time.t_ns, time.utc_s)
         if self._settings.start is not None and not self._is_started:
             self._recall(time.utc_s, None)
             lat_rad, lon_rad = self._settings.start
@@ -182,7 +185,7 @@ class Tracker:
             if not self._is_started:
                 # A receiver without a fix may have told its own birthday until now.
                 self._utc = UtcClock(self._latency_ns)
-            self._utc.observe(fix.t_ns, fix.utc_s)
+            self._hear_time(fix.t_ns, fix.utc_s)
             told_ns = self._utc.instant_ns(fix.utc_s)
             instant_ns = instant_ns if told_ns is None else min(told_ns, fix.t_ns)
         outcome = self._take(fix, instant_ns)
@@ -204,11 +207,20 @@ class Tracker:
             self._notices.append("position lost; started again from the receiver")
         return outcome
 
+    def _hear_time(self, arrival_ns: int, utc_s: float) -> None:
+        jump_s = self._utc.observe(arrival_ns, utc_s)
+        if jump_s:
+            self._notices.append(
+                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
+            )
+
     def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; the first one starts it."""
         # A receiver's buffer may be full of old fixes: until the first row is out,
         # each begins anew.
         is_first = self._row_utc_ns is None or self._is_guess
+        if self._utc.is_in_doubt and not is_first:
+            return FixOutcome.UNDATED
         if is_first:
             if not self._is_started:
                 self._recall(fix.utc_s, fix)
@@ -275,6 +287,9 @@ class Tracker:
         assert self._step_ns is not None
         believed = self._navigator.estimate_after((row_ns - self._step_ns) * 1e-9)
         mode = self._mode_at(row_ns)
+        # A row that is dated wrong tells where it was then, not at its date.
+        misdated_s = self._utc.behind_ns(self._period_ns) * 1e-9
+        way_m = misdated_s * math.hypot(*believed.v_n_mps[:2])
         return NavState(
             row_ns,
             row_utc_ns * 1e-9,
@@ -283,7 +298,7 @@ class Tracker:
             believed.alt_m,
             believed.v_n_mps,
             believed.q_nb,
-            believed.r95_m,
+            believed.r95_m + way_m,
             mode,
         )
 

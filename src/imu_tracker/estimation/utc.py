@@ -19,16 +19,26 @@ STALE_NS: Final = 2_000_000_000
 freshest one waited in a buffer."""
 
 JUMP_EPOCHS: Final = 3
-JUMP_NS: Final = 2_000_000_000
-"""A receiver that says another time so often, for so long, has changed its mind
-(leap seconds arrive with the almanac, up to 12 minutes after a cold start). A port
-that works off a backlog says another one with each epoch."""
+JUMP_NS: Final = 1_800_000_000
+"""A receiver that says another time so often, for so long (three at 1 Hz, less their
+jitter), has changed its mind: leap seconds arrive with the almanac, up to 12 minutes
+after a cold start. A port that works off a backlog says another one with each epoch."""
+
+WHOLE_NS: Final = 1_000_000_000
+NEAR_NS: Final = 150_000_000
+"""A receiver that changes its mind does so from one epoch to the next, and by whole
+seconds: so near to them, for latencies jitter. One that smooths comes later and later
+until it is a second late."""
 
 SETTLE_NS: Final = 300_000_000
 """Before the first row: a burst of old epochs in a full buffer has passed by then."""
 
 SLEW: Final = 0.1
 """Rows move by this part of their period at most, until they agree."""
+
+LEAPS_NS: Final = 20_000_000_000
+"""Between GPS time and UTC lie 18 s. Rows that are dated wrong by more than that are
+right of their place, and wrong of the time."""
 
 
 class UtcClock:
@@ -38,6 +48,13 @@ class UtcClock:
     ----------
     latency_ns : int
         Time from the instant an epoch describes to its first byte, typically.
+
+    Attributes
+    ----------
+    jumps : int
+        How often the receiver changed its mind.
+    is_in_doubt : bool
+        Whether it may just have done so: what the last epoch describes, nobody knows.
     """
 
     def __init__(self, latency_ns: int) -> None:
@@ -47,16 +64,26 @@ class UtcClock:
         self._offset_ns: int | None = None
         self._shown_ns: int | None = None
         self._first_ns: int | None = None
+        self._told_ns: int | None = None  # the relation by the last epoch alone
         self.jumps = 0
+        self.is_in_doubt = False
 
     @property
     def settled_ns(self) -> int | None:
         """Instant from which UTC is known well enough to write rows."""
         return None if self._first_ns is None else self._first_ns + SETTLE_NS
 
-    def observe(self, arrival_ns: int, utc_s: float) -> None:
-        """Take the time of one epoch and when its first byte came."""
+    def observe(self, arrival_ns: int, utc_s: float) -> float:
+        """Take the time of one epoch and when its first byte came.
+
+        Returns
+        -------
+        float
+            Seconds by which the receiver has now changed its mind; mostly 0.
+        """
         offset = round(utc_s * 1e9) - (arrival_ns - self._latency_ns)
+        is_leap = self._leaps(offset)
+        self._told_ns, self.is_in_doubt = offset, False
         if self._first_ns is None:
             self._first_ns = arrival_ns
         if self._offset_ns is None:
@@ -65,11 +92,14 @@ class UtcClock:
             # Nothing was written yet: the freshest epoch is right at once.
             self._offsets.clear()
             self._take(offset)
-        elif abs(offset - self._offset_ns) < STALE_NS:
+        elif abs(offset - self._offset_ns) < STALE_NS and not is_leap:
             self._candidates.clear()
             self._take(offset)
         else:
-            self._consider(arrival_ns, offset)
+            # From the future no buffer delivers.
+            self.is_in_doubt = is_leap or offset > self._offset_ns
+            return self._consider(arrival_ns, offset)
+        return 0.0
 
     def show(self) -> None:
         """Begin rows: from now on UTC only slews."""
@@ -91,6 +121,15 @@ class UtcClock:
         assert self._shown_ns is not None
         return t_ns + self._shown_ns
 
+    def behind_ns(self, period_ns: int) -> int:
+        """Say by how much the next row is dated wrong, or may be; 0 but for jumps."""
+        assert self._shown_ns is not None
+        assert self._offset_ns is not None
+        behind = abs(self._offset_ns - self._shown_ns)
+        if self.is_in_doubt and self._told_ns is not None:
+            behind = max(behind, abs(self._told_ns - self._shown_ns))
+        return behind if int(period_ns * SLEW) < behind <= LEAPS_NS else 0
+
     def slew(self, period_ns: int) -> None:
         """Move the rows' relation towards the truth; called once a row."""
         assert self._shown_ns is not None
@@ -105,15 +144,31 @@ class UtcClock:
             o for o in self._offsets if o > freshest - STALE_NS
         )
 
-    def _consider(self, arrival_ns: int, offset: int) -> None:
+    def _leaps(self, offset: int) -> bool:
+        """Whether an epoch is whole seconds off, and came to be so at once."""
+        if self._offset_ns is None or self._told_ns is None:
+            return False
+        off, step = offset - self._offset_ns, offset - self._told_ns
+        leap = round(off / WHOLE_NS) * WHOLE_NS
+        if not leap or abs(off - leap) > NEAR_NS:
+            return False
+        return bool(self._candidates) or abs(step - leap) <= 2 * NEAR_NS
+
+    def _consider(self, arrival_ns: int, offset: int) -> float:
         """Hear of another time; believe it when it is said again and again."""
         if self._candidates and abs(offset - self._candidates[0][1]) > STALE_NS // 2:
             self._candidates.clear()
         self._candidates.append((arrival_ns, offset))
         lasted_ns = arrival_ns - self._candidates[0][0]
-        if len(self._candidates) >= JUMP_EPOCHS and lasted_ns >= JUMP_NS:
-            self.jumps += 1
-            self._offsets.clear()
-            for _, candidate in self._candidates:
-                self._take(candidate)
-            self._candidates.clear()
+        if len(self._candidates) < JUMP_EPOCHS or lasted_ns < JUMP_NS:
+            return 0.0
+        before_ns = self._offset_ns
+        self.jumps += 1
+        self.is_in_doubt = False
+        self._offsets.clear()
+        for _, candidate in self._candidates:
+            self._take(candidate)
+        self._candidates.clear()
+        assert before_ns is not None
+        assert self._offset_ns is not None
+        return (self._offset_ns - before_ns) * 1e-9

@@ -26,6 +26,10 @@ FORGET_S: Final = 120.0
 LONGEST_STEP_S: Final = 3.0
 """Between two fixes the velocity is taken to change evenly; no longer than this."""
 
+UNSURE_S: Final = 0.8
+"""Receiver and host may differ by less about the time between two fixes; else one of
+them was late, or the receiver has inserted a leap second."""
+
 WINDOW_NS: Final = 1_000_000_000
 EVERY_NS: Final = 45_000_000
 """The IMU is looked at so often: vibration shows at any rate."""
@@ -93,12 +97,14 @@ class DragWatch:
         last, self._last = self._last, fix
         if last is None or last.vel_ne_mps is None or fix.vel_ne_mps is None:
             return math.hypot(*self._unexplained_ne_m)
+        arrived_s = (fix.t_ns - last.t_ns) * 1e-9
         dt_s = (
             fix.utc_s - last.utc_s
             if fix.utc_s is not None and last.utc_s is not None
-            else (fix.t_ns - last.t_ns) * 1e-9
+            else arrived_s
         )
-        if not 0.0 < dt_s <= LONGEST_STEP_S:
+        is_sure = abs(dt_s - arrived_s) < UNSURE_S
+        if not (0.0 < dt_s <= LONGEST_STEP_S and is_sure):
             return math.hypot(*self._unexplained_ne_m)
         here = LocalFrame.at(last.lat_rad, last.lon_rad)
         moved = here.to_ne(fix.lat_rad, fix.lon_rad)

@@ -29,11 +29,17 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from random import Random
 
 from fake_i2c import DatasheetError, FakeMpu6050
+from fake_i2c.world import Feeling
 
 CONTROL = "/run/imu-tracker-test-bus"
 ADDRESS = 0x68
+
+# The train of receiver.py goes at constant speed, and shakes as trains do.
+VIBRATION_G = 0.015
+VIBRATION_DPS = 0.3
 
 _VHCI = Path("/sys/devices/platform/vhci_hcd.0")
 _DEVICE_ID = 65538
@@ -60,6 +66,18 @@ class Clock:
 
     def now_ns(self) -> int:
         return time.monotonic_ns()
+
+
+class Ride:
+    """What the chip feels on the way."""
+
+    def __init__(self) -> None:
+        self._random = Random(1200)
+
+    def __call__(self, _: float) -> Feeling:
+        ax, ay, az = (self._random.gauss(0.0, VIBRATION_G) for _ in range(3))
+        gx, gy, gz = (self._random.gauss(0.0, VIBRATION_DPS) for _ in range(3))
+        return Feeling((ax, ay, 1.0 + az), (gx, gy, gz))
 
 
 class Adapter:
@@ -236,7 +254,9 @@ def _listen(cable: Cable) -> None:
 def main() -> None:
     # Hardware waits for nobody.
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-    cable = Cable(Adapter(FakeMpu6050(Clock(), clock_error=0.01)))
+    chip = FakeMpu6050(Clock(), clock_error=0.01)
+    chip.world.follow(Ride())
+    cable = Cable(Adapter(chip))
     threading.Thread(target=_listen, args=(cable,), daemon=True).start()
     cable.serve()
 
