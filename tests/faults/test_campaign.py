@@ -8,10 +8,6 @@ from faults.table import ALWAYS, FAULTS, Fault, Phase
 OFF_IN_THE_DARK = (
     "who sets off without GPS has no heading yet, and r95 grows too slowly"
 )
-TURNED_OFF = (
-    "without GPS and without the chip, a car that turns off leaves the circle "
-    "for a while"
-)
 
 LEFT_TO_ESTIMATORS: dict[tuple[str, str, Phase], str] = {
     ("six-state", "GPS silent for ever", Phase.STILL): OFF_IN_THE_DARK,
@@ -19,7 +15,6 @@ LEFT_TO_ESTIMATORS: dict[tuple[str, str, Phase], str] = {
         *("six-state", "10 Hz over 9600 baud, endless buffer"),
         Phase.START,
     ): OFF_IN_THE_DARK,
-    ("error-state", "NACK for ever", Phase.OUTAGE): TURNED_OFF,
 }
 """r95 does not hold the truth; each must go on failing until it is mended there."""
 

@@ -26,7 +26,6 @@ from imu_tracker.estimation.gate import AGREEING_FIXES, FixOutcome
 from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.noise_bank import EARLY_WIN_NATS, MOST_NATS, NoiseBank
 from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.profile import ProfileJudge
 from imu_tracker.estimation.rotation import (
     from_euler,
     multiply,
@@ -210,6 +209,43 @@ def test_the_bank_finds_any_yaw_from_accelerations(
     assert abs((found - yaw + math.pi) % (2 * math.pi) - math.pi) < 3.0 * sigma
 
 
+def test_a_yaw_that_drifts_is_still_found_by_the_bank() -> None:
+    # The gyro's bias is not known yet: the attitude turns by half a degree a second.
+    bank, drift = YawBank(), math.radians(0.5)
+    p, v = np.zeros(2), np.zeros(2)
+    for k in range(80):
+        for _ in range(10):
+            t = k + _ / 10.0
+            yaw = 0.7 + drift * t
+            a = np.array([1.5 * math.sin(t / 3.0), 1.5 * math.cos(t / 4.0)])
+            bank.add(0.1, (a[0] * 0.1, a[1] * 0.1))
+            cosine, sine = math.cos(yaw), math.sin(yaw)
+            a_n = np.array([[cosine, -sine], [sine, cosine]]) @ a
+            p = p + v * 0.1 + 0.005 * a_n
+            v = v + 0.1 * a_n
+        bank.update(p, 0.5, v, 0.1, 0.01, 0.02, (0.0, math.radians(1.0) ** 2))
+    found, sigma = bank.answer()
+    assert sigma < CONVERGED_SIGMA_RAD
+    assert abs(found - (0.7 + drift * 80.0)) < max(3.0 * sigma, math.radians(5.0))
+
+
+def test_a_receiver_that_proves_worse_takes_back_what_it_gave() -> None:
+    eskf = an_eskf()
+    eskf.P, eskf.receiver_var = np.diag(np.full(N_ERRORS, 0.1)), 0.25
+    before = eskf.P
+    eskf.take_receiver_var(4.0)
+    H = np.zeros(N_ERRORS)
+    H[0] = H[17] = 1.0  # a fix sees the sum of position and lasting error
+    assert pytest.approx(H @ before @ H) == H @ eskf.P @ H
+    assert eskf.P[0, 0] > 1.0
+    assert eskf.P[17, 17] <= 4.0
+    assert np.linalg.eigvalsh(eskf.P).min() > 0.0
+
+    grown = eskf.P
+    eskf.take_receiver_var(4.0)  # no news is no reason to grow again
+    assert pytest.approx(grown) == eskf.P
+
+
 def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
     bank = NoiseBank(1, is_vehicle=True)
     challenger = bank.challenger
@@ -218,24 +254,6 @@ def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
     for _ in range(math.ceil(EARLY_WIN_NATS / MOST_NATS) + 1):
         bank.judge(-100.0, 0.0, 1.0)
     assert bank.level != 1
-
-
-def test_a_bike_that_leans_is_never_called_a_vehicle() -> None:
-    car, bike = ProfileJudge(), ProfileJudge()
-    for _ in range(100):
-        car.observe(1.0, 10.0, 0.1, math.radians(3.0), 0.5)
-        bike.observe(1.0, 10.0, 0.1, math.radians(25.0), 0.5)
-    assert car.profile == "vehicle"
-    assert bike.profile == "free"
-
-
-def test_a_gait_makes_a_walker_until_he_gets_into_a_car() -> None:
-    judge = ProfileJudge()
-    for _ in range(30):
-        judge.observe(1.0, 1.4, 0.1, 0.2, 3.0)
-    assert judge.profile == "walker"
-    judge.observe(1.0, 14.0, 0.0, 0.05, 0.5)
-    assert judge.profile == "free"
 
 
 # ---------------------------------------------------------------- what goes wrong

@@ -143,6 +143,52 @@ def test_a_train_in_a_tunnel_is_not_rest_as_long_as_its_speed_is_remembered() ->
     assert claims(watch.move(30.0)) == 0
 
 
+def test_a_tram_that_pulls_off_without_a_shake_ends_its_rest() -> None:
+    watch = Watch()
+    assert claims(watch.move(20.0)) > 400
+    found = watch.move(10.0, accel=(0.2, 0.0, 0.0))
+    assert claims(found[50:]) == 0  # nor is one claimed while it goes on to speed up
+
+
+def test_who_gets_in_does_not_end_a_rest_for_long() -> None:
+    # A car tips by half a degree: its force changes, and then it rests as before.
+    watch = Watch()
+    watch.move(20.0)
+    watch.play(humming(watch.body, 2.0, 3.0, 4.0))
+    found = watch.move(5.0, accel=(0.15, 0.0, 0.0))
+    assert claims(found[-50:]) == 50
+
+
+def glide_into_a_tunnel(braking_mps2: float) -> int:
+    """Go by smoothly at 10 m/s, lose the receiver, brake to a stop; claims after."""
+    watch = Watch()
+    for _ in range(20):
+        watch.move(1.0)
+        watch.hear(10.0)
+    watch.speed_sigma = 5.0  # and soon the filter remembers no speed
+    assert claims(watch.move(20.0)) == 0
+    watch.move(10.0, accel=(-braking_mps2, 0.0, 0.0))
+    return claims(watch.move(10.0))
+
+
+def test_who_glides_through_the_dark_rests_once_it_was_felt_to_brake() -> None:
+    assert glide_into_a_tunnel(0.0) == 0
+    assert glide_into_a_tunnel(1.0) > 150
+
+
+def test_an_engine_that_idles_hard_is_a_rest_for_hindsight_alone() -> None:
+    now, later = Watch(), Watch()
+    later.detector = StandstillDetector(in_hindsight=True)
+    for watch in (now, later):
+        watch.bias_sigma = 0.05 * DPS
+        for _ in range(6):
+            watch.play(humming(watch.body, 1.0, 0.6, 27.0))
+            watch.hear(0.1)
+    shaken = [w.play(humming(w.body, 1.0, 0.6, 27.0)) for w in (now, later)]
+    assert claims(shaken[0]) == 0
+    assert claims(shaken[1]) > 20
+
+
 def test_a_boat_that_rocks_is_not_rest() -> None:
     watch = Watch()
     for period_s in (3.0, 6.0):

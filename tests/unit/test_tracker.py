@@ -468,25 +468,13 @@ def test_a_parked_body_that_was_carried_away_is_found_again(
     assert abs(world.miss_m(world.rows[-1]) - 300.0) < 10.0
 
 
-GLIDES = (
-    "rest is believed although nothing that was felt can have stopped the body: from "
-    "10 m/s after 4 s (error-state, its profile unknown) or 14 s (six-state)"
-)
-
-
 @pytest.mark.parametrize(
     ("estimator", "profile", "still_s"),
     [
         ("error-state", "auto", 10.0),
         ("error-state", "vehicle", -100.0),
-        pytest.param(
-            *("error-state", "auto", -100.0),
-            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
-        ),
-        pytest.param(
-            *("six-state", "free", 10.0),
-            marks=pytest.mark.xfail(strict=True, reason=GLIDES),
-        ),
+        ("error-state", "auto", -100.0),
+        ("six-state", "free", 10.0),
     ],
 )
 def test_who_glides_into_a_tunnel_is_not_at_rest_there(

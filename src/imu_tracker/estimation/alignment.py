@@ -166,6 +166,8 @@ class Alignment:
             roll, pitch, _ = to_euler(q_nb)
             for eskf in self._bank.filters:
                 eskf.nominal = eskf.nominal._replace(q_nb=q_nb)
+                if eskf.sigma(TILT.start) > LOST_TILT_SIGMA_RAD:
+                    eskf.set_variances(TILT, [LOST_TILT_SIGMA_RAD**2] * 2)
                 if max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD:
                     eskf.q_vb = q_nb
             self.level_q = q_nb
@@ -179,9 +181,12 @@ class Alignment:
         """Hear that the origin of positions went so far."""
         self._yaw_bank.moved(north_m, east_m)
 
-    def check_yaw(self) -> None:
-        """Give up a heading that is hardly known any more."""
-        if self.is_aligned and self._bank.main.sigma(8) > LOST_YAW_SIGMA_RAD:
+    def check_orientation(self) -> None:
+        """Give up a heading, or a level, that is hardly known any more."""
+        main = self._bank.main
+        if self.is_level and main.sigma(TILT.start) > LOST_TILT_SIGMA_RAD:
+            self.lose()
+        elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
 

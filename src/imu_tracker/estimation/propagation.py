@@ -28,9 +28,12 @@ car turns by 5 deg at most."""
 ANY_SPEED_VAR: Final = 20.0**2
 ANY_HEIGHT_VAR: Final = 100.0**2
 
-LOST_TURN_RADPS: Final = 0.1
+SILENT_TURN_RADPS: Final = 0.1
+SILENT_TURN_LASTS_S: Final = 5.0
+SILENT_SLOPE_RAD: Final = 0.1
 UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
-"""In silence a body turns so fast; any angle at all has this variance."""
+"""While the IMU is silent a body turns so fast, one corner after another; a vehicle
+gets no further from level than slopes do. Any angle at all has the last variance."""
 
 
 class Propagation:
@@ -55,7 +58,7 @@ class Propagation:
     def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
         self._bank, self._alignment, self._carrier = bank, alignment, carrier
         self._behaviour = Behaviour(bank, alignment, carrier)
-        self._stretch_s = 0.0
+        self._stretch_s = self._silent_s = 0.0
         self.frame = LocalFrame.at(0.0, 0.0)
         self.rest: Rest | None = None
         self.dark_s = 0.0
@@ -96,15 +99,18 @@ class Propagation:
             alignment.agnostic.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         if step.is_gap:
-            sped_var = self._carrier.unknown_accel_psd * step.dt_s
-            self._doubt(LOST_TURN_RADPS * step.dt_s, math.sqrt(sped_var))
+            self._bear_silence(step.dt_s)
         elif step.is_saturated:
             # A reading that was clipped may be off by as much as it says.
-            self._doubt(math.hypot(*step.dtheta_b_rad), math.hypot(*step.dv_b_mps))
+            turned_var = sum(x * x for x in step.dtheta_b_rad)
+            self._doubt(turned_var, sum(x * x for x in step.dv_b_mps))
+        if not step.is_gap:
+            self._silent_s = 0.0
         if self._stretch_s >= STRETCH_S:
             self.predict()
             self.dark_s += self._stretch_s
-            self._behaviour.apply(rest, self._stretch_s, self.dark_s)
+            if not step.is_gap:
+                self._behaviour.apply(rest, self._stretch_s, self.dark_s)
             if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
                 self._move_frame()
             self._stretch_s = 0.0
@@ -124,20 +130,43 @@ class Propagation:
             unknown = 0.0 if rests else self._carrier.unknown_accel_psd
             alignment.agnostic.predict(use_force=rests, unknown_accel_psd=unknown)
 
-    def _doubt(self, angle_rad: float, speed_mps: float) -> None:
+    def _bear_silence(self, dt_s: float) -> None:
+        """Let the body have moved while the IMU said nothing.
+
+        Notes
+        -----
+        A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
+        2 r^2 T a second once t > T. Without a heading, down may be anywhere too.
+        """
+        self._silent_s += dt_s
+        lasted_s = min(self._silent_s, SILENT_TURN_LASTS_S)
+        turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
+        sped_var = self._carrier.unknown_accel_psd * dt_s
+        if self._carrier.is_vehicle:
+            self._doubt(turned_var, sped_var, most_tilt_var=SILENT_SLOPE_RAD**2)
+        else:
+            self._doubt(turned_var, sped_var)
+
+    def _doubt(
+        self,
+        angle_var: float,
+        speed_var: float,
+        most_tilt_var: float = UNKNOWN_ANGLE_VAR,
+    ) -> None:
         """Let the body have turned and sped up by so much more, in any direction."""
         agnostic = self._alignment.agnostic
         more = np.zeros(N_ERRORS)
-        more[ATTITUDE], more[VELOCITY] = angle_rad**2, speed_mps**2
+        more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
+        most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
         for eskf in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
+            before = eskf.P.diagonal()[ATTITUDE]
             P = eskf.P + np.diag(more)
             # An angle has an end; its correlations shrink with it.
+            ends = np.maximum(most, before)
             scale = np.ones(N_ERRORS)
-            scale[ATTITUDE] = np.sqrt(
-                np.minimum(1.0, UNKNOWN_ANGLE_VAR / P.diagonal()[ATTITUDE])
-            )
+            scale[ATTITUDE] = np.sqrt(np.minimum(1.0, ends / P.diagonal()[ATTITUDE]))
             eskf.P = P * np.outer(scale, scale)
-        self._alignment.check_yaw()
+        self._alignment.check_orientation()
 
     def _move_frame(self) -> None:
         """Take the origin along when the way from it grows."""

@@ -70,7 +70,7 @@ NOISE_LEARNING_S: Final = 8.0
 MIN_NIS_LEVEL: Final = 0.05
 MAX_NIS_LEVEL: Final = 36.0
 """A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
-nothing of the receiver), by three upwards."""
+nothing of the receiver), by six upwards (nor of walls that reflect)."""
 
 _SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 

@@ -66,6 +66,11 @@ MOVING_MPS: Final = 0.7
 
 SURELY_MOVING_MPS: Final = 1.4
 
+GLIDE_FORCE_MPS2: Final = 0.1
+STOPPED_SHARE: Final = 0.5
+"""A boat or a train may glide as quietly as it rests. Without a receiver it has stopped
+only if it was felt to brake: force that differs from the gliding body's by more than a
+little tilt, summed to half of its speed."""
 
 STANDING_MPS: Final = 0.3
 AGREED_FIXES: Final = 3
@@ -119,6 +124,9 @@ class StandstillDetector:
         self._log_levels: dict[bool, tuple[float, float]] = {}
         self._n_slow = self._n_moving = 0
         self._force: tuple[Vec3, float] | None = None  # of a rest, and its duration
+        self._accel: Vec3 = (0.0, 0.0, 0.0)
+        self._is_shaking = True
+        self._gliding: tuple[Vec3, float] | None = None  # its force, what is to brake
         self._gyro_std = self._accel_std = math.inf
         self.gyro_threshold_radps = START_GYRO_STD_RADPS
         self.accel_threshold_mps2 = START_ACCEL_STD_MPS2
@@ -129,6 +137,9 @@ class StandstillDetector:
         self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
         if not math.isfinite(self._gyro_std):
             return
+        is_gliding = speed_mps > MOVING_MPS and not self._is_shaking
+        to_brake_mps = STOPPED_SHARE * speed_mps
+        self._gliding = (self._accel, to_brake_mps) if is_gliding else None
         # Of a car that pulls off the first window is half at rest.
         self._n_moving = self._n_moving + 1 if speed_mps > SURELY_MOVING_MPS else 0
         is_moving = self._n_moving > 1
@@ -201,7 +212,7 @@ class StandstillDetector:
             self._steps.clear()
             self._sums = (0.0,) * 9
             self._gyro_std = self._accel_std = math.inf
-            self._rest_since_ns = None
+            self._rest_since_ns = self._force = self._gliding = None
             return None
         self._slide(step)
         if self._steps[-1].t_ns - self._steps[0].t_ns < 0.8 * WINDOW_NS:
@@ -215,10 +226,9 @@ class StandstillDetector:
         if self._receiver_rests(step.t_ns):
             is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
             agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
-        is_shaking = (
-            self._gyro_std > self.gyro_threshold_radps * agreed
-            or self._accel_std > self.accel_threshold_mps2 * agreed
-        )
+        is_shaking = self._shakes(agreed)
+        self._is_shaking, self._accel = self._shakes(1.0), accel
+        self._feel_braking(step.dt_s)
         if is_shaking or agreed > 1.0:
             self._force = None
         is_quiet = (
@@ -247,6 +257,22 @@ class StandstillDetector:
         while step.t_ns - steps[0].t_ns > WINDOW_NS:
             sums = _added(sums, steps.popleft(), -1.0)
         self._sums = sums
+
+    def _shakes(self, factor: float) -> bool:
+        return (
+            self._gyro_std > self.gyro_threshold_radps * factor
+            or self._accel_std > self.accel_threshold_mps2 * factor
+        )
+
+    def _feel_braking(self, dt_s: float) -> None:
+        """Count down what a gliding body has still to brake; shaking ends the glide."""
+        if self._is_shaking:
+            self._gliding = None
+        elif self._gliding is not None:
+            force, to_brake_mps = self._gliding
+            felt_mps2 = math.dist(self._accel, force) - GLIDE_FORCE_MPS2
+            to_brake_mps -= max(felt_mps2, 0.0) * dt_s
+            self._gliding = (force, to_brake_mps) if to_brake_mps > 0.0 else None
 
     def _is_leaving(self, gyro: Vec3, accel: Vec3) -> bool:
         """Whether the latest steps differ from the window: a car pulls off.
@@ -298,8 +324,8 @@ class StandstillDetector:
         if self._speed_mps is not None and t_ns - self._speed_ns < 3e9:
             return self._speed_mps > MOVING_MPS
         # Without a receiver a smooth motorway or a train is told from a stop only by
-        # the speed that the filter still remembers.
-        return speed_mps > 1.0 + 3.0 * speed_sigma_mps
+        # what was felt of braking, and the speed that the filter still remembers.
+        return self._gliding is not None or speed_mps > 1.0 + 3.0 * speed_sigma_mps
 
 
 def _share(*, is_moving: bool, is_quieter: bool) -> float:
