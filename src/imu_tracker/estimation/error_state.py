@@ -55,9 +55,9 @@ begins again at zero, where v times delay is exact."""
 LATEST_S: Final = 3.0
 """A fix that lies further from the filter's instant is of no use."""
 
-LONGER_SHARE: Final = 0.45
-"""Part of a receiver's error lasts longer than the minute of its state, and the filter
-takes it for a place: of the variance of that state, added to the radius."""
+LONGER_SHARE: Final = 0.1
+"""Orbits and air are wrong for hours, not for the minute of the state for a receiver's
+error, and the filter takes that part for a place: a tenth of that state's variance."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
