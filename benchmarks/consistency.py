@@ -26,7 +26,8 @@ from imu_tracker.replay import Replay
 from imu_tracker.samples import Frame, Source
 from imu_tracker.scenes import Outage, Stream, hide_gps
 from imu_tracker.scoring import WARM_UP_S, Track, answer, metres_per_degree
-from imu_tracker.simulation import TruthRow, simulate
+from imu_tracker.simulation import simulate
+from imu_tracker.simulation.scenarios import SCENARIOS, Scenario
 from imu_tracker.simulation.sensor_errors import TYPICAL_CHIP
 from imu_tracker.simulation.simulator import START_NS, START_UTC_S
 
@@ -45,6 +46,8 @@ ASKEW: Final = TYPICAL_CHIP._replace(
     mounting_sigma_rad=(math.radians(3.0), math.radians(5.0), math.radians(5.0))
 )
 """A chip of the datasheet in a box that is fixed by eye, roll, pitch and yaw."""
+
+DRIVE: Final = SCENARIOS["drive"]._replace(errors=ASKEW)
 
 SILENT_S: Final = 2.5
 """Longer between two fixes is an outage; a lost line is none."""
@@ -75,6 +78,8 @@ class Drive(NamedTuple):
         Share of the truth after the warm-up.
     resting : float
         Share of the rows with GPS in which it really stood.
+    profile : str
+        What it was taken for at the end.
     """
 
     seed: int
@@ -86,16 +91,28 @@ class Drive(NamedTuple):
     outages: tuple[Dark, ...]
     nis_mean: float
     n_fixes: int
+    profile: str
 
 
-def run(seed: int, duration_s: float = DURATION_S) -> Drive:
-    """Simulate a drive, track it with the defaults, and compare."""
-    hidden = list(_hidden(seed, duration_s))
-    replay = Replay(load_config(None))
-    rows = list(replay.rows(hide_gps(_stream(seed, duration_s), hidden)))
+def run(
+    seed: int,
+    duration_s: float = DURATION_S,
+    scenario: Scenario = DRIVE,
+    settings: Sequence[str] = (),
+) -> Drive:
+    """Simulate a drive, track it with the defaults but for `settings`, and compare."""
+
+    def stream() -> Stream:
+        made = simulate(scenario, seed=seed, duration_s=duration_s)
+        yield made.header
+        yield from made.frames
+
+    hidden = list(_hidden(stream(), duration_s))
+    replay = Replay(load_config(None, settings))
+    rows = list(replay.rows(hide_gps(stream(), hidden)))
     log = np.array([(row.utc_s, row.lat_rad, row.lon_rad, row.r95_m) for row in rows]).T
     told = Track(log[0], np.degrees(log[1]), np.degrees(log[2]))
-    path = list(_simulated(seed, duration_s)[1])
+    path = list(simulate(scenario, seed=seed, duration_s=duration_s).truth)
     utc_s, lat, lon = np.array([row[:3] for row in path]).T
     truth = Track(utc_s, np.degrees(lat), np.degrees(lon))
     answers = answer(told, log[3], truth)
@@ -104,7 +121,7 @@ def run(seed: int, duration_s: float = DURATION_S) -> Drive:
     distance_m = _distance_m(truth)
     is_dark = np.zeros(len(since_s), bool)
     ends = []
-    for gap in _gaps(hide_gps(_stream(seed, duration_s), hidden)):
+    for gap in _gaps(hide_gps(stream(), hidden)):
         in_gap = (since_s >= gap.start_s) & (since_s <= gap.start_s + gap.length_s)
         is_dark |= in_gap
         first, *_, last = np.flatnonzero(in_gap).tolist()
@@ -130,6 +147,7 @@ def run(seed: int, duration_s: float = DURATION_S) -> Drive:
         tuple(ends),
         result["learnt"]["nis_mean"],
         result["counters"]["fixes"],
+        result["learnt"]["profile"],
     )
 
 
@@ -196,23 +214,9 @@ def _outage_line(name: str, outages: Sequence[Dark]) -> str:
     )
 
 
-def _simulated(seed: int, duration_s: float) -> tuple[Stream, Iterator[TruthRow]]:
-    made = simulate("drive", seed=seed, duration_s=duration_s, errors=ASKEW)
-
-    def stream() -> Stream:
-        yield made.header
-        yield from made.frames
-
-    return stream(), made.truth
-
-
-def _stream(seed: int, duration_s: float) -> Stream:
-    return _simulated(seed, duration_s)[0]
-
-
-def _hidden(seed: int, duration_s: float) -> Iterator[Outage]:
+def _hidden(stream: Stream, duration_s: float) -> Iterator[Outage]:
     """Yield the outages that end in time and do not meet the tunnel of this drive."""
-    tunnels = list(_gaps(_stream(seed, duration_s)))
+    tunnels = list(_gaps(stream))
     for outage in OUTAGES:
         around = Outage(outage.start_s - WARM_UP_S, outage.length_s + 2.0 * WARM_UP_S)
         if around.start_s + around.length_s <= duration_s and not any(

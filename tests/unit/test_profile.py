@@ -88,7 +88,7 @@ def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
     for k in range(round(20.0 / DT_S)):
         dv_b = (0.0, 0.0, -force_mps2(k * DT_S) * DT_S)
         step = ImuStep(
-            *(k * 40_000_000, DT_S, ZERO, dv_b, 4, ZERO, ZERO, 0.0, 0.0, None),
+            *(k * 40_000_000, DT_S, ZERO, dv_b, 4, ZERO, ZERO, 0.0, 0.0, 25.0),
             is_saturated=False,
             is_gap=False,
         )

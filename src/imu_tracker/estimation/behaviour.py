@@ -99,6 +99,8 @@ class Behaviour:
     def _learn(self) -> None:
         """See how the body goes while its velocity is known."""
         main, level_q = self._bank.main, self._alignment.level_q
+        if level_q is not None:
+            self._carrier.observe(main, level_q)
         if self._carrier.is_vehicle and self._alignment.is_aligned:
             self._road.observe(main, WEAK_PERIOD_S)
         elif self._carrier.is_walker and level_q is not None:

@@ -4,16 +4,18 @@ import math
 from typing import Final
 
 from imu_tracker.estimation.eskf import Eskf
-from imu_tracker.estimation.orientation import lean_right, yaw_between
+from imu_tracker.estimation.orientation import lean_right
 from imu_tracker.estimation.pace import Pace
 from imu_tracker.estimation.profile import ProfileJudge
-from imu_tracker.estimation.rotation import wrap_pi
 from imu_tracker.samples import Quat
 
 UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
 """While the yaw or the IMU is unknown: a body's own acceleration, as (m/s^2)^2/Hz. A
 vehicle's is 1 m/s^2 rms, and corners and stops last some six seconds; a walker turns
 round within one."""
+
+LONGEST_S: Final = 2.0
+"""Into a turn and out of it takes longer."""
 
 
 class Carrier:
@@ -34,7 +36,8 @@ class Carrier:
     def __init__(self, profile: str) -> None:
         self._judge = ProfileJudge() if profile == "auto" else None
         self.profile = "free" if profile == "auto" else profile
-        self._yaw_rad = 0.0
+        self._seen_ns, self._turned_rad = 0, 0.0
+        self._has_changed = False
         self.pace = Pace()
 
     @property
@@ -59,28 +62,38 @@ class Carrier:
         self._judge.profile = self.profile = "vehicle"
         return True
 
-    def observe(self, eskf: Eskf, level_q: Quat, period_s: float) -> bool:
-        """See how it moved since the last fix; return whether the profile changed.
+    def observe(self, eskf: Eskf, level_q: Quat) -> None:
+        """See how it moved since the last call, a second ago.
+
+        After a longer time, in the dark or at rest, nothing is said: the lean of an
+        instant tells nothing of a turn that is over.
 
         Parameters
         ----------
         eskf : Eskf
         level_q : Quat
             Attitude of the box when it was levelled.
-        period_s : float
-            Between fixes.
         """
-        if self._judge is None:
-            return False
-        yaw_rad = yaw_between(eskf.nominal.q_nb, level_q)
-        turn_rad = wrap_pi(yaw_rad - self._yaw_rad)
-        self._yaw_rad = yaw_rad
-        has_changed = self._judge.observe(
+        t_ns, turned_rad = eskf.nominal.t_ns, eskf.turned_rad
+        period_s, turn_rad = (
+            (t_ns - self._seen_ns) * 1e-9,
+            turned_rad - self._turned_rad,
+        )
+        self._seen_ns, self._turned_rad = t_ns, turned_rad
+        if self._judge is None or not 0.0 < period_s < LONGEST_S:
+            return
+        if self._judge.observe(
             period_s,
             math.hypot(*eskf.nominal.v_n[:2]),
             turn_rad,
             lean_right(eskf, level_q),
             is_stepping=self.pace.is_stepping,
-        )
-        self.profile = self._judge.profile
+        ):
+            self._has_changed = True
+
+    def take_change(self) -> bool:
+        """Let what was found since the last call hold; return whether it is news."""
+        has_changed, self._has_changed = self._has_changed, False
+        if has_changed and self._judge is not None:
+            self.profile = self._judge.profile
         return has_changed

@@ -153,13 +153,12 @@ class ErrorState:
     def _learn(self, fix: GpsFix) -> None:
         """Draw conclusions from a fix beyond those of the filters."""
         self._fold_delay()
-        level_q, receiver = self._alignment.level_q, self._fixes.receiver
-        if level_q is None:
+        if not self._alignment.is_level:
             return
-        if self._carrier.observe(self._eskf, level_q, receiver.period_s):
+        if self._carrier.take_change():
             self._change_profile()
         position_ne = np.array(self._propagation.frame.to_ne(fix.lat_rad, fix.lon_rad))
-        self._alignment.observe(fix, position_ne, receiver)
+        self._alignment.observe(fix, position_ne, self._fixes.receiver)
 
     def _fold_delay(self) -> None:
         """Move the instants of the fixes by the delay that was found."""

@@ -109,6 +109,8 @@ class Eskf:
         What the gyro misses of a rate, M column by column: scale, and what crosses
         over.
     axle_m : float
+    turned_rad : float
+        To the right since the start, by the gyro alone: no heading is taken back.
     P : ndarray, shape (31, 31)
     """
 
@@ -131,6 +133,7 @@ class Eskf:
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
         self.mean_a_n: Vec3 = _ZERO  # of the last second
         self.rate_n: Vec3 = _ZERO
+        self.turned_rad = 0.0
         self._dt = 0.0
         self._dv_n: Vec3 = _ZERO
         self._turn_n: Vec3 = _ZERO
@@ -330,6 +333,7 @@ class Eskf:
         (x, y, z), (tx, ty, tz) = self._dv_n, self._turn_n
         self.a_n = (x / dt, y / dt, z / dt + self.gravity_mps2)
         self.rate_n = (tx / dt, ty / dt, tz / dt)
+        self.turned_rad += tz
         share = min(dt / _SHAKING_MEMORY_S, 1.0)
         (mx, my, mz), (ax, ay, az) = self.mean_a_n, self.a_n
         self.mean_a_n = (

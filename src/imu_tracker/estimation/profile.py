@@ -33,10 +33,10 @@ TURNED_MOST: Final = 400.0
 ROLLING_RAD: Final = math.radians(2.0)
 ROLLING_S: Final = 20.0
 STRAIGHT_MPS2: Final = 0.5
-"""Change of the lean from fix to fix while going straight, rms: no road does that for
-so long, and waves do it always."""
+"""Change of the lean from second to second while going straight, rms: no road does
+that for so long, and waves do it always."""
 
-WALKED_FIXES_S: Final = 20.0
+WALKED_S: Final = 20.0
 
 _GRAVITY_MPS2: Final = 9.81
 
@@ -58,14 +58,15 @@ class ProfileJudge:
         *,
         is_stepping: bool,
     ) -> bool:
-        """Take one fix; return whether the profile has changed.
+        """Take a stretch; return whether the profile has changed.
 
         Parameters
         ----------
         period_s : float
+            A second or so.
         speed_mps : float
         turn_rad : float
-            Turned to the right since the last fix.
+            Turned to the right meanwhile.
         lean_rad : float
             To the right, against how it lay when it was levelled.
         is_stepping : bool
@@ -82,7 +83,7 @@ class ProfileJudge:
             self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
         elif is_stepping and WALKING_MPS[0] < speed_mps < WALKING_MPS[1]:
             self._walked_s += period_s
-            if self._walked_s > WALKED_FIXES_S:
+            if self._walked_s > WALKED_S:
                 self._turned = self._leaned = 0.0
                 self.profile = "walker"
         return self.profile != before
