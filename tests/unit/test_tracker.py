@@ -506,6 +506,7 @@ def test_a_configured_start_begins_rows_as_soon_as_utc_is_known() -> None:
     assert_no_hole(world.rows, 4)
     first = world.rows[0]
     assert first.utc_s - UTC_S < 6.0
+    assert "no GPS yet: dead reckoning" in world.tracker.take_notices()
     assert first.r95_m == pytest.approx(80.0, rel=0.03)
     assert world.miss_m(first) < 1.0
     assert first.alt_m is None

@@ -59,9 +59,9 @@ _NO_ROWS: Final[list[NavState]] = []
 
 _SAID_OF_SENSORS: Final = {
     (True, True): "GPS in use",
-    (True, False): "GPS lost: dead reckoning",
+    (True, False): "{no_gps}: dead reckoning",
     (False, True): "IMU unavailable: GPS alone",
-    (False, False): "IMU unavailable, GPS lost",
+    (False, False): "IMU unavailable, {no_gps}",
 }
 """Whether there is an IMU, whether there is a receiver: changes are told."""
 
@@ -309,7 +309,9 @@ class Tracker:
         has_imu = self._last_step is not None and not self._last_step.is_gap
         if (has_imu, has_gps) != self._said_sensors:
             self._said_sensors = has_imu, has_gps
-            self._notices.append(_SAID_OF_SENSORS[has_imu, has_gps])
+            no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
+            said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
+            self._notices.append(said)
         if not has_imu:
             return Mode.GPSONLY
         if self._last_rest is not None:
