@@ -42,7 +42,7 @@ def test_who_leans_into_turns_is_no_car(
 def test_nothing_is_said_before_turns_have_shown_it() -> None:
     judge = ProfileJudge()
     for _ in range(300):
-        assert not judge.observe(1.0, 30.0, 0.001, 0.02, is_stepping=False)
+        judge.observe(1.0, 30.0, 0.001, 0.02, is_stepping=False)
     assert judge.profile == "free"
 
 
@@ -55,11 +55,21 @@ def test_a_boat_that_rolls_is_no_car() -> None:
     assert judge.profile == "free"
 
 
+def test_who_gets_in_from_the_side_of_the_road_does_not_roll() -> None:
+    judge = ProfileJudge()
+    turns(judge, 60, 0.0, 12.0)
+    for k in range(40):  # each stop tips the box anew; between them it lies still
+        judge.observe(1.0, 0.0, 0.0, 0.0, is_stepping=False)
+        for _ in range(5):
+            judge.observe(1.0, 12.0, 0.0, 0.2 * (-1) ** k, is_stepping=False)
+    assert judge.profile == "vehicle"
+
+
 def test_nothing_on_wheels_is_as_fast_as_an_aeroplane() -> None:
     judge = ProfileJudge()
     turns(judge, 100, 0.0, 20.0)
     assert judge.profile == "vehicle"
-    assert judge.observe(1.0, 90.0, 0.0, 0.0, is_stepping=False)
+    judge.observe(1.0, 90.0, 0.0, 0.0, is_stepping=False)
     assert judge.profile == "free"
 
 

@@ -72,8 +72,10 @@ PATIENCE_S: Final = 5.0
 seconds whether the box sits turned; on a steady road it never can."""
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
-LOST_TILT_SIGMA_RAD: Final = 0.5
-"""Levelled in a turn, or while it speeds up: an aeroplane banks by that much."""
+LOST_TILT_SIGMA_RAD: Final = 1.0
+RELEVELLED_SIGMA_RAD: Final = 0.5
+"""Beyond the first it is better to level anew than to mend. The second is what a level
+may be wrong by that was found in a turn: an aeroplane banks by that much."""
 
 _VERDICTS: Final = {
     True: "what the last run learnt holds",
@@ -147,6 +149,7 @@ class Alignment:
         """Gather the evidence anew; the attitude stays."""
         self._yaw_bank.forget()
         self.agnostic = None
+        self._waited_s, self._n_contradicted = 0.0, 0
 
     # --------------------------------------------------------------- with each step
 
@@ -166,8 +169,8 @@ class Alignment:
             roll, pitch, _ = to_euler(q_nb)
             for eskf in self._bank.filters:
                 eskf.nominal = eskf.nominal._replace(q_nb=q_nb)
-                if eskf.sigma(TILT.start) > LOST_TILT_SIGMA_RAD:
-                    eskf.set_variances(TILT, [LOST_TILT_SIGMA_RAD**2] * 2)
+                if max(eskf.P.diagonal()[TILT]) > RELEVELLED_SIGMA_RAD**2:
+                    eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
                 if max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD:
                     eskf.q_vb = q_nb
             self.level_q = q_nb
@@ -184,7 +187,7 @@ class Alignment:
     def check_orientation(self) -> None:
         """Give up a heading, or a level, that is hardly known any more."""
         main = self._bank.main
-        if self.is_level and main.sigma(TILT.start) > LOST_TILT_SIGMA_RAD:
+        if self.is_level and max(main.P.diagonal()[TILT]) > LOST_TILT_SIGMA_RAD**2:
             self.lose()
         elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
@@ -195,7 +198,7 @@ class Alignment:
         is_vehicle = self._carrier.is_vehicle
         for eskf in self._bank.filters:
             eskf.forget_orientation(math.pi, is_vehicle=is_vehicle)
-            eskf.set_variances(TILT, [LOST_TILT_SIGMA_RAD**2] * 2)
+            eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
             if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
                 forget_gyro_bias(eskf)
             eskf.q_vb = IDENTITY

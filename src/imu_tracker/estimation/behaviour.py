@@ -56,6 +56,10 @@ class Behaviour:
         self._road, self._gait = Road(), Gait()
         self.own_accel_mps2: float | None = None
 
+    def forget_gait(self) -> None:
+        """Hear that nobody knows how the box turned meanwhile, or who carries it."""
+        self._gait = Gait()
+
     def apply(self, rest: Rest | None, period_s: float, dark_s: float) -> None:
         """Let a stretch pass.
 
@@ -98,27 +102,30 @@ class Behaviour:
 
     def _learn(self) -> None:
         """See how the body goes while its velocity is known."""
-        main, level_q = self._bank.main, self._alignment.level_q
-        if level_q is not None:
-            self._carrier.observe(main, level_q)
-        if self._carrier.is_vehicle and self._alignment.is_aligned:
+        main, carrier, alignment = self._bank.main, self._carrier, self._alignment
+        if alignment.level_q is not None:
+            is_aligned = alignment.is_aligned
+            carrier.observe(main, alignment.level_q, is_aligned=is_aligned)
+        if carrier.is_vehicle and alignment.is_aligned:
             self._road.observe(main, WEAK_PERIOD_S)
-        elif self._carrier.is_walker and level_q is not None:
-            is_stepping = self._carrier.pace.is_stepping
-            self._gait.observe(main, level_q, WEAK_PERIOD_S, is_stepping=is_stepping)
+        elif carrier.is_walker:
+            v_ne, is_stepping = main.nominal.v_n[:2], carrier.pace.is_stepping
+            turned_rad = carrier.turned_rad
+            self._gait.observe(v_ne, turned_rad, WEAK_PERIOD_S, is_stepping=is_stepping)
 
     def _go_on(self, dark_s: float) -> None:
         """Take a body in the dark to go on as it did."""
-        carrier, level_q = self._carrier, self._alignment.level_q
+        carrier = self._carrier
         for eskf in self._bank.filters:
             if carrier.is_vehicle and self._alignment.is_aligned:
                 slope, haste = self._road.slope_sigma_rad, self._road.forward_sigma_mps2
                 eskf.apply(vehicle.level_road(eskf, slope, WEAK_PERIOD_S))
                 eskf.apply(vehicle.unhurried(eskf, haste, WEAK_PERIOD_S))
-            elif carrier.is_walker and level_q is not None:
+            elif carrier.is_walker:
                 onward = None
                 if carrier.pace.is_stepping:
-                    onward = self._gait.goes_on(eskf, level_q, dark_s, WEAK_PERIOD_S)
+                    turned_rad = carrier.turned_rad
+                    onward = self._gait.goes_on(eskf, turned_rad, dark_s, WEAK_PERIOD_S)
                 eskf.apply(onward or self._gait.bounded(eskf, WEAK_PERIOD_S))
 
     def _level(self, eskf: Eskf, dark_s: float) -> None:
@@ -148,7 +155,8 @@ def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:
     -----
     0 = a_n, level axes: z = -f_n, H = [f_n x] theta's level part - C_nb db_a.
     """
-    fn, fe, fd = (eskf.a_n[0], eskf.a_n[1], eskf.a_n[2] - eskf.gravity_mps2)
+    an, ae, ad = eskf.mean_a_n
+    fn, fe, fd = an, ae, ad - eskf.gravity_mps2
     H = np.zeros((2, N_ERRORS))
     H[0, 7], H[1, 6] = fd, -fd
     H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]

@@ -17,6 +17,9 @@ round within one."""
 LONGEST_S: Final = 2.0
 """Into a turn and out of it takes longer."""
 
+MOST_DRIFT_MPS2: Final = 0.3
+"""Speed times the doubt of the gyro's bias: a turn that is none."""
+
 
 class Carrier:
     """A profile that is given, or that is found from how the body moves.
@@ -31,13 +34,16 @@ class Carrier:
     profile : {"free", "vehicle", "walker"}
     pace : Pace
         Takes every step of the filters.
+    turned_rad : float
+        To the right since the start, by the gyro alone: a heading that is found is no
+        turn.
     """
 
     def __init__(self, profile: str) -> None:
         self._judge = ProfileJudge() if profile == "auto" else None
         self.profile = "free" if profile == "auto" else profile
-        self._seen_ns, self._turned_rad = 0, 0.0
-        self._has_changed = False
+        self.turned_rad = 0.0
+        self._seen_ns, self._seen_rad = 0, 0.0
         self.pace = Pace()
 
     @property
@@ -62,38 +68,44 @@ class Carrier:
         self._judge.profile = self.profile = "vehicle"
         return True
 
-    def observe(self, eskf: Eskf, level_q: Quat) -> None:
+    def observe(self, eskf: Eskf, level_q: Quat, *, is_aligned: bool) -> None:
         """See how it moved since the last call, a second ago.
 
         After a longer time, in the dark or at rest, nothing is said: the lean of an
-        instant tells nothing of a turn that is over.
+        instant tells nothing of a turn that is over. Nor before heading and gyro are
+        known: who does not know his way cannot tell to which side he leans.
 
         Parameters
         ----------
         eskf : Eskf
         level_q : Quat
             Attitude of the box when it was levelled.
+        is_aligned : bool
+            Whether the heading is known.
         """
-        t_ns, turned_rad = eskf.nominal.t_ns, eskf.turned_rad
+        if self._judge is None:
+            return
+        t_ns, speed_mps = eskf.nominal.t_ns, math.hypot(*eskf.nominal.v_n[:2])
         period_s, turn_rad = (
             (t_ns - self._seen_ns) * 1e-9,
-            turned_rad - self._turned_rad,
+            self.turned_rad - self._seen_rad,
         )
-        self._seen_ns, self._turned_rad = t_ns, turned_rad
-        if self._judge is None or not 0.0 < period_s < LONGEST_S:
+        self._seen_ns, self._seen_rad = t_ns, self.turned_rad
+        if not 0.0 < period_s < LONGEST_S:
             return
-        if self._judge.observe(
+        drift_mps2 = speed_mps * math.sqrt(eskf.down_bias[1])
+        knows_turns = is_aligned and drift_mps2 < MOST_DRIFT_MPS2
+        self._judge.observe(
             period_s,
-            math.hypot(*eskf.nominal.v_n[:2]),
+            speed_mps,
             turn_rad,
-            lean_right(eskf, level_q),
+            lean_right(eskf, level_q) if knows_turns else None,
             is_stepping=self.pace.is_stepping,
-        ):
-            self._has_changed = True
+        )
 
     def take_change(self) -> bool:
-        """Let what was found since the last call hold; return whether it is news."""
-        has_changed, self._has_changed = self._has_changed, False
-        if has_changed and self._judge is not None:
+        """Let what was found by now hold; return whether it is news."""
+        before = self.profile
+        if self._judge is not None:
             self.profile = self._judge.profile
-        return has_changed
+        return self.profile != before

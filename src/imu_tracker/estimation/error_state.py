@@ -174,6 +174,7 @@ class ErrorState:
         """Constrain the body as its new profile allows."""
         is_vehicle = self._carrier.is_vehicle
         self._fixes.change_profile()
+        self._propagation.behaviour.forget_gait()
         for eskf in self._bank.filters:
             eskf.set_vehicle(is_vehicle=is_vehicle)
             if is_vehicle and self._alignment.is_aligned:

@@ -28,6 +28,7 @@ from imu_tracker.estimation.error_model import (
     MOUNT_YAW,
     MOUNTING,
     N_ERRORS,
+    RECEIVER_CORRELATION_S,
     SHAKEN_S,
     TILT,
     VELOCITY_DELAY,
@@ -109,8 +110,10 @@ class Eskf:
         What the gyro misses of a rate, M column by column: scale, and what crosses
         over.
     axle_m : float
-    turned_rad : float
-        To the right since the start, by the gyro alone: no heading is taken back.
+    a_n, rate_n : Vec3
+        Acceleration and rate of the last stretch; zero where nothing was felt.
+    receiver_var : float, m^2
+        Of the receiver's lasting error, per axis.
     P : ndarray, shape (31, 31)
     """
 
@@ -131,11 +134,14 @@ class Eskf:
         self.gyro_gain: GyroGain = NO_GAIN
         self.axle_m = START_AXLE_M
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
-        self.mean_a_n: Vec3 = _ZERO  # of the last second
         self.rate_n: Vec3 = _ZERO
-        self.turned_rad = 0.0
-        self._dt = 0.0
+        self._mean_f_b: Vec3 = (
+            _ZERO  # specific force of the last second, as it was read
+        )
+        self._granted_var, self._granted_ns = 0.0, 0
+        self._dt = self._felt_s = 0.0
         self._dv_n: Vec3 = _ZERO
+        self._dv_b: Vec3 = _ZERO
         self._turn_n: Vec3 = _ZERO
         self._gyro_scatter_var = self._accel_scatter_var = 0.0
 
@@ -193,9 +199,11 @@ class Eskf:
         return float(down_b @ np.array(self.gyro_bias_radps)), variance
 
     @property
-    def accel_std_mps2(self) -> float:
-        """Scatter of the force within steps, of the last second."""
-        return math.sqrt(self._accel_scatter_var)
+    def mean_a_n(self) -> Vec3:
+        """Acceleration of the last second, by the attitude and the bias of now."""
+        (x, y, z), (bx, by, bz) = self._mean_f_b, self.accel_bias_mps2
+        an, ae, ad = rotate(self.nominal.q_nb, (x - bx, y - by, z - bz))
+        return (an, ae, ad + self.gravity_mps2)
 
     # ------------------------------------------------------------------ strapdown
 
@@ -248,9 +256,12 @@ class Eskf:
         self._dt += dt
         if step.is_gap:
             return
+        self._felt_s += dt
         fx, fy, fz = self._force(start.q_nb, step)
         x, y, z = self._dv_n
         self._dv_n = (x + fx, y + fy, z + fz)
+        (x, y, z), (fx, fy, fz) = self._dv_b, step.dv_b_mps
+        self._dv_b = (x + fx, y + fy, z + fz)
         tx, ty, tz = rotate(start.q_nb, self._turn_b(step))
         x, y, z = self._turn_n
         self._turn_n = (x + tx, y + ty, z + tz)
@@ -330,18 +341,26 @@ class Eskf:
         north, east = self.receiver_ne_m
         decay = float(F[17, 17])
         self.receiver_ne_m = (north * decay, east * decay)
+        self._see_motion()
+        self._dt = self._felt_s = 0.0
+        self._dv_n = self._dv_b = self._turn_n = _ZERO
+
+    def _see_motion(self) -> None:
+        """Take the means of the stretch."""
+        felt_s = self._felt_s
+        if felt_s <= 0.0:
+            self.a_n = self.rate_n = _ZERO
+            return
         (x, y, z), (tx, ty, tz) = self._dv_n, self._turn_n
-        self.a_n = (x / dt, y / dt, z / dt + self.gravity_mps2)
-        self.rate_n = (tx / dt, ty / dt, tz / dt)
-        self.turned_rad += tz
-        share = min(dt / _SHAKING_MEMORY_S, 1.0)
-        (mx, my, mz), (ax, ay, az) = self.mean_a_n, self.a_n
-        self.mean_a_n = (
-            mx + share * (ax - mx),
-            my + share * (ay - my),
-            mz + share * (az - mz),
+        self.a_n = (x / felt_s, y / felt_s, z / felt_s + self.gravity_mps2)
+        self.rate_n = (tx / felt_s, ty / felt_s, tz / felt_s)
+        share = min(felt_s / _SHAKING_MEMORY_S, 1.0)
+        (mx, my, mz), (x, y, z) = self._mean_f_b, self._dv_b
+        self._mean_f_b = (
+            mx + share * (x / felt_s - mx),
+            my + share * (y / felt_s - my),
+            mz + share * (z / felt_s - mz),
         )
-        self._dt, self._dv_n, self._turn_n = 0.0, _ZERO, _ZERO
 
     def innovation_covariance(self, measured: Measurement) -> Array:
         """S = H P H' + R."""
@@ -394,9 +413,15 @@ class Eskf:
         -----
         What was learnt of position and lasting error b_r against a receiver that is
         worse than it was taken to be is worth less, and only their sum is known: the
-        growth is (-1, 1) (-1, 1)' in (p, b_r).
+        growth is (-1, 1) (-1, 1)' in (p, b_r). A variance that comes and goes is
+        granted once, until the errors of that time are over.
         """
-        before, self.receiver_var = self.receiver_var, variance
+        elapsed_s = max(self.nominal.t_ns - self._granted_ns, 0) * 1e-9
+        kept = math.exp(-elapsed_s / RECEIVER_CORRELATION_S)
+        over = max(self._granted_var - self.receiver_var, 0.0)
+        before = self.receiver_var + kept * over
+        self._granted_var, self._granted_ns = max(before, variance), self.nominal.t_ns
+        self.receiver_var = variance
         P = self._kf.P
         mean = 0.5 * float(P[17, 17] + P[18, 18])
         growth = min((variance / before - 1.0) * mean, variance - mean)

@@ -113,7 +113,8 @@ class FixUpdate:
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
-        for each in self._bank.filters:
+        agnostic = self._alignment.agnostic
+        for each in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
             each.take_receiver_var(receiver.lasting_var(fix))
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
@@ -145,9 +146,11 @@ class FixUpdate:
             self._correct(self._alignment.agnostic, fix, ahead_s)
         if is_aligned:
             self._alignment.judge(main, challenger, receiver.period_s)
+        if self._bank.main is not eskf:
+            self._watch.forget()  # it is another's past
+            self._is_lost = False
         self._propagation.dark_s = 0.0
         if self._is_lost:
-            self._lose_orientation()
             self._restart(fix)
             return FixOutcome.REACQUIRED
         return FixOutcome.ACCEPTED
@@ -155,7 +158,7 @@ class FixUpdate:
     def _lose_orientation(self) -> None:
         self._alignment.lose()
         self._watch.forget()
-        self._is_lost = False
+        self._is_lost, self._restarted_ns = False, None
 
     def _doubt(self, eskf: Eskf, variance: float) -> None:
         """Open up where the receiver's error would have to be larger than it can be.
@@ -208,10 +211,12 @@ class FixUpdate:
         """Begin anew from the receiver; the attitude stays if nothing is against it.
 
         A filter that lost its way before its heading was confirmed had a wrong one, and
-        so had one that soon loses it again.
+        so had one that soon loses it again, unless velocities speak for it.
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
-        if last_ns is not None and fix.t_ns - last_ns < AGAIN_NS:
+        is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
+        is_doubtful = fix.vel_ne_mps is None or self._watch.lead_nats < 0.0
+        if self._is_lost or (is_again and is_doubtful):
             self._lose_orientation()
         down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
@@ -222,6 +227,7 @@ class FixUpdate:
             if levelled is not None:
                 eskf.take_over(levelled)
                 eskf.forget_orientation(math.pi, is_vehicle=self._carrier.is_vehicle)
+                eskf.receiver_ne_m = (0.0, 0.0)
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
             )

@@ -3,8 +3,8 @@
 His steps are too violent for dead reckoning from a pocket, but they are regular. While
 the receiver sees him it is learnt how fast he goes, and in which direction seen from
 the box; in the dark he is taken to go on so, and to turn as the gyro turns. The fact
-that a newcomer gets wrong: this needs no heading. The box may lie in any way, and its
-yaw may be off by any angle, as long as both stay what they were.
+that a newcomer gets wrong: this needs no heading. The box may lie in any way, and north
+may be anywhere: only turns count.
 """
 
 import math
@@ -14,8 +14,6 @@ import numpy as np
 
 from imu_tracker.estimation.error_model import N_ERRORS, VELOCITY
 from imu_tracker.estimation.eskf import Eskf, Measurement
-from imu_tracker.estimation.orientation import yaw_between
-from imu_tracker.samples import Quat
 
 START_SPEED_MPS: Final = 1.5
 """Root of the mean square speed of somebody on foot, before he was seen to walk."""
@@ -42,22 +40,36 @@ class Gait:
     """Learns how somebody walks, and tells how he goes on."""
 
     def __init__(self) -> None:
-        self._own = (0.0, 0.0)  # velocity, turned back by the yaw of the box
+        self._own = (0.0, 0.0)  # velocity, turned back by all turns so far
         self._scatter_var = START_SCATTER_MPS**2
         self._speed_square = START_SPEED_MPS**2
         self._learnt_s = 0.0
 
     def observe(
-        self, eskf: Eskf, level_q: Quat, period_s: float, *, is_stepping: bool
+        self,
+        v_ne_mps: tuple[float, float],
+        turned_rad: float,
+        period_s: float,
+        *,
+        is_stepping: bool,
     ) -> None:
-        """Take a stretch of a walk whose velocity is known."""
-        vn, ve, _ = eskf.nominal.v_n
+        """Take a stretch of a walk whose velocity is known.
+
+        Parameters
+        ----------
+        v_ne_mps : (north, east)
+        turned_rad : float
+            To the right since the start, by the gyro alone.
+        period_s : float
+        is_stepping : bool
+        """
+        vn, ve = v_ne_mps
         square = vn * vn + ve * ve
         share = period_s / SPEED_LEARNING_S
         self._speed_square += share * (square - self._speed_square)
         if square < WALKING_MPS**2 or not is_stepping:
             return
-        own = _turned((vn, ve), -yaw_between(eskf.nominal.q_nb, level_q))
+        own = _turned((vn, ve), -turned_rad)
         self._learnt_s += period_s
         share = max(period_s / LEARNING_S, period_s / self._learnt_s)
         (a, b), (x, y) = self._own, own
@@ -75,17 +87,17 @@ class Gait:
         return Measurement(z, H, np.eye(2) * votes * variance)
 
     def goes_on(
-        self, eskf: Eskf, level_q: Quat, dark_s: float, period_s: float
+        self, eskf: Eskf, turned_rad: float, dark_s: float, period_s: float
     ) -> Measurement | None:
         """Velocity of somebody who walks on as he went; None: not known yet.
 
         Notes
         -----
-        0 = R(yaw) own - v. What the yaw has drifted since goes into R, across.
+        0 = R(turned) own - v. What the gyro has drifted since goes into R, across.
         """
         if self._learnt_s < LEARNING_S:
             return None
-        vn, ve = _turned(self._own, yaw_between(eskf.nominal.q_nb, level_q))
+        vn, ve = _turned(self._own, turned_rad)
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = np.array([vn, ve]) - eskf.nominal.v_n[:2]

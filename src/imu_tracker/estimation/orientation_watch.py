@@ -83,6 +83,7 @@ class OrientationWatch:
         late_var = (LATE_S * accel_mps2) ** 2
         if not 0.0 < dt_s < BEGIN_ANEW_S or math.isinf(self._var):
             self._v_ne, self._var = vel_ne_mps, velocity_var
+            self.lead_nats = 0.0
             return False
         var = self._var + accel_psd * dt_s
         s = var + velocity_var

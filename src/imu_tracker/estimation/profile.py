@@ -37,6 +37,7 @@ STRAIGHT_MPS2: Final = 0.5
 that for so long, and waves do it always."""
 
 WALKED_S: Final = 20.0
+"""From the door to the car takes less; in all, since he was last seen to drive."""
 
 _GRAVITY_MPS2: Final = 9.81
 
@@ -47,18 +48,19 @@ class ProfileJudge:
     def __init__(self) -> None:
         self.profile = "free"
         self._walked_s = self._turned = self._leaned = 0.0
-        self._lean_rad = self._rolling_var = 0.0
+        self._rolling_var = 0.0
+        self._lean_rad: float | None = None
 
     def observe(
         self,
         period_s: float,
         speed_mps: float,
         turn_rad: float,
-        lean_rad: float,
+        lean_rad: float | None,
         *,
         is_stepping: bool,
-    ) -> bool:
-        """Take a stretch; return whether the profile has changed.
+    ) -> None:
+        """Take a stretch.
 
         Parameters
         ----------
@@ -67,12 +69,14 @@ class ProfileJudge:
         speed_mps : float
         turn_rad : float
             Turned to the right meanwhile.
-        lean_rad : float
-            To the right, against how it lay when it was levelled.
+        lean_rad : float or None
+            To the right, against how it lay when it was levelled; None: not known, and
+            the turn neither.
         is_stepping : bool
             Whether the force comes and goes as it does with steps.
         """
-        before = self.profile
+        if lean_rad is None or speed_mps < DRIVING_MPS:
+            self._lean_rad = None
         if speed_mps > FLYING_MPS:
             self._turned = self._leaned = 0.0
             self.profile = "free"
@@ -80,13 +84,13 @@ class ProfileJudge:
             self._walked_s = 0.0
             if self.profile == "walker":
                 self.profile = "free"  # he has got in
-            self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
+            if lean_rad is not None:
+                self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
         elif is_stepping and WALKING_MPS[0] < speed_mps < WALKING_MPS[1]:
             self._walked_s += period_s
             if self._walked_s > WALKED_S:
                 self._turned = self._leaned = 0.0
                 self.profile = "walker"
-        return self.profile != before
 
     def _see_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
         """Compare the lean with what would balance the turn.
@@ -95,7 +99,7 @@ class ProfileJudge:
         -----
         share = sum(a g tan(lean) dt) / sum(a^2 dt), a the acceleration across.
         """
-        if abs(across_mps2) < STRAIGHT_MPS2:
+        if self._lean_rad is not None and abs(across_mps2) < STRAIGHT_MPS2:
             square = (lean_rad - self._lean_rad) ** 2
             share = min(period_s / ROLLING_S, 1.0)
             self._rolling_var += share * (square - self._rolling_var)

@@ -1,4 +1,4 @@
-"""The filters through time: steps, growth of the errors, and what bodies cannot do."""
+"""The filters through time: steps, growth of their errors, and silence of the IMU."""
 
 import math
 from typing import Final
@@ -121,10 +121,12 @@ class Propagation:
             return
         alignment, rest = self._alignment, self.rest
         alignment.observe_stretch()
+        _, stretch_s = self._bank.main.stretch
         use_force = alignment.can_use_force(rest)
         unknown = 0.0 if use_force else self._carrier.unknown_accel_psd
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
+        self._carrier.turned_rad += self._bank.main.rate_n[2] * stretch_s
         if alignment.agnostic is not None:
             rests = rest is not None
             unknown = 0.0 if rests else self._carrier.unknown_accel_psd
@@ -136,12 +138,16 @@ class Propagation:
         Notes
         -----
         A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
-        2 r^2 T a second once t > T. Without a heading, down may be anywhere too.
+        2 r^2 T a second once t > T. Without the forces `predict` has let it speed up.
         """
         self._silent_s += dt_s
         lasted_s = min(self._silent_s, SILENT_TURN_LASTS_S)
         turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
         sped_var = self._carrier.unknown_accel_psd * dt_s
+        if not self._alignment.can_use_force(None):
+            sped_var = 0.0
+        if self._silent_s > SILENT_TURN_LASTS_S:
+            self._behaviour.forget_gait()
         if self._carrier.is_vehicle:
             self._doubt(turned_var, sped_var, most_tilt_var=SILENT_SLOPE_RAD**2)
         else:

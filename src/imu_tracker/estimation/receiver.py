@@ -57,7 +57,9 @@ VELOCITY_LASTS_S: Final = 4.0
 long: velocities of so many seconds are one."""
 
 ACCEL_OVER_S: Final = 0.8
-"""Over less than about a second a velocity's noise passes for acceleration."""
+LONGEST_S: Final = 10.0
+"""Over less than about a second a velocity's noise passes for acceleration; over a long
+silence everything averages to nothing."""
 
 VELOCITY_SMEAR_S: Final = 0.1
 """A receiver's velocity is a mean over a tenth of a second or more, and its filter
@@ -90,8 +92,8 @@ class ReceiverModel:
     period_s : float
         Between fixes.
     accel_mps2 : float or None
-        Change of its velocity within the last seconds, the larger of two; None: it
-        tells no velocity.
+        Change of its velocity within the last seconds, the larger of two; None: not
+        known, or it tells no velocity.
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
@@ -134,7 +136,9 @@ class ReceiverModel:
         if self._vel is None:
             self._vel = now
         dt_s = (now[0] - self._vel[0]) * 1e-9
-        if dt_s > ACCEL_OVER_S:
+        if dt_s > LONGEST_S:
+            self._vel, self.accel_mps2, self._last_accel_mps2 = now, None, 0.0
+        elif dt_s > ACCEL_OVER_S:
             change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
             accel_mps2, before_mps2 = change_mps / dt_s, self._last_accel_mps2
             self.accel_mps2 = max(accel_mps2, before_mps2)

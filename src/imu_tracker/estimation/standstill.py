@@ -67,10 +67,11 @@ MOVING_MPS: Final = 0.7
 SURELY_MOVING_MPS: Final = 1.4
 
 GLIDE_FORCE_MPS2: Final = 0.1
+GLIDE_TURN_RADPS: Final = math.radians(0.3)
 STOPPED_SHARE: Final = 0.5
 """A boat or a train may glide as quietly as it rests. Without a receiver it has stopped
 only if it was felt to brake: force that differs from the gliding body's by more than a
-little tilt, summed to half of its speed."""
+little tilt, summed to half of its speed. What is felt in a bend is none of it."""
 
 STANDING_MPS: Final = 0.3
 AGREED_FIXES: Final = 3
@@ -228,7 +229,8 @@ class StandstillDetector:
             agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
         is_shaking = self._shakes(agreed)
         self._is_shaking, self._accel = self._shakes(1.0), accel
-        self._feel_braking(step.dt_s)
+        is_turning = deviation > GLIDE_TURN_RADPS + 3.0 * gyro_bias_sigma_radps
+        self._feel_braking(0.0 if is_turning else step.dt_s)
         if is_shaking or agreed > 1.0:
             self._force = None
         is_quiet = (

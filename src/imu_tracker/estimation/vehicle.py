@@ -127,7 +127,7 @@ def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
     H[0, MOUNT_YAW] = -C_vn[1, 2]
     z = np.array([-C_vn[0, 2]])
     votes = max(1.0, SLOPE_LASTS_S / period_s)
-    return Measurement(z, H, np.array([[votes * sigma_rad**2]]))
+    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_rad**2]])))
 
 
 def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
@@ -147,7 +147,7 @@ def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
     H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
     z = np.array([-a_v[0]])
     votes = max(1.0, FORWARD_LASTS_S / period_s)
-    return Measurement(z, H, np.array([[votes * sigma_mps2**2]]))
+    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_mps2**2]])))
 
 
 def softened(eskf: Eskf, measured: Measurement) -> Measurement:
