@@ -55,9 +55,9 @@ begins again at zero, where v times delay is exact."""
 LATEST_S: Final = 3.0
 """A fix that lies further from the filter's instant is of no use."""
 
-LONGER_SHARE: Final = 0.1
+LONGER_SHARE: Final = 0.2
 """Orbits and air are wrong for hours, not for the minute of the state for a receiver's
-error, and the filter takes that part for a place: a tenth of that state's variance."""
+error, and the filter takes that part for a place: a fifth of that state's variance."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
