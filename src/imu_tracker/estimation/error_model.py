@@ -148,7 +148,8 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_n_rad: Vec3) -> Array:
     F[0:3, 6:15] = (0.5 * dt_s) * F[3:6, 6:15]
     F[0, 3] = F[1, 4] = F[2, 5] = dt_s
     F[6:9, 9:12] = -C_dt
-    F[6:9, GYRO_GAIN] = np.kron(turn_n_rad @ C_nb, C_nb)
+    turn_b = turn_n_rad @ C_nb
+    F[6:9, GYRO_GAIN] = (C_nb[:, None, :] * turn_b[:, None]).reshape(3, 9)
     F[17, 17] = F[18, 18] = math.exp(-dt_s / RECEIVER_CORRELATION_S)
     return F
 
