@@ -278,8 +278,8 @@ STEP_NS = 40_000_000
 class Ride:
     """A level car that goes north, and a perfect receiver on it."""
 
-    def __init__(self, *, has_velocity: bool = True) -> None:
-        self.filter = ErrorState("vehicle")
+    def __init__(self, profile: str = "vehicle", *, has_velocity: bool = True) -> None:
+        self.filter = ErrorState(profile)
         self.frame = LocalFrame.at(0.9, 0.08)
         self.north, self.speed, self.has_velocity = 0.0, 0.0, has_velocity
         self.t_ns = 0
@@ -298,6 +298,18 @@ class Ride:
             is_gap=False,
         )
         self.filter.step(step, None)
+
+    def silence(self, seconds: float) -> None:
+        zero = (0.0, 0.0, 0.0)
+        for _ in range(round(seconds / 0.04)):
+            self.t_ns += STEP_NS
+            self.north += self.speed * 0.04
+            step = ImuStep(
+                *(self.t_ns, 0.04, zero, zero, 0, zero, zero, 0.0, 0.0, 25.0),
+                is_saturated=False,
+                is_gap=True,
+            )
+            self.filter.step(step, None)
 
     def fix(self) -> FixOutcome:
         lat, lon = self.frame.to_lat_lon(self.north, 0.0)
@@ -346,6 +358,18 @@ def test_a_single_clipped_bump_costs_little() -> None:
     ride.go(5)
     assert ride.sigma_deg(8) < 8.0
     assert ride.miss_m() < 2.0
+
+
+def test_one_silence_loses_the_orientation_once() -> None:
+    ride = Ride("free")
+    ride.filter.take_notices()
+    ride.silence(20.0)
+    for _ in range(15):
+        ride.step(clipped_turn_rad=math.radians(2.0))
+        ride.go(1)
+    told = [n for n in ride.filter.take_notices() if "orientation was lost" in n]
+    assert len(told) == 1
+    assert ride.miss_m() < 10.0
 
 
 def test_a_parked_receiver_without_speed_is_not_locked_out() -> None:

@@ -176,6 +176,22 @@ def test_who_glides_through_the_dark_rests_once_it_was_felt_to_brake() -> None:
     assert glide_into_a_tunnel(1.0) > 150
 
 
+def test_what_is_felt_in_a_bend_is_no_braking() -> None:
+    # A train at 40 m/s, in a bend so wide that it hardly turns.
+    watch = Watch()
+    watch.bias_sigma = 0.02 * DPS
+    for _ in range(20):
+        watch.move(1.0)
+        watch.hear(40.0)
+    watch.speed_sigma = 20.0
+    there = [0.01 * k for k in range(61)]
+    found = []
+    for across in (*there, *[0.6] * 300, *reversed(there)):
+        rate = across / 40.0
+        found += watch.move(0.2, gyro=(0.0, 0.0, rate), accel=(0.0, across, 0.0))
+    assert claims(found) == claims(watch.move(10.0)) == 0
+
+
 def test_an_engine_that_idles_hard_is_a_rest_for_hindsight_alone() -> None:
     now, later = Watch(), Watch()
     later.detector = StandstillDetector(in_hindsight=True)
