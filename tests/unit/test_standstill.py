@@ -8,12 +8,11 @@ import pytest
 
 from body import DPS, SECOND_NS, Body, G, steps_of
 from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
-from imu_tracker.estimation.standstill import (
+from imu_tracker.estimation.standstill import Rest, StandstillDetector
+from imu_tracker.estimation.vibration import (
     CEILING_FACTOR,
     FLOOR_FACTOR,
     START_GYRO_STD_RADPS,
-    Rest,
-    StandstillDetector,
 )
 from imu_tracker.samples import ImuSample, Vec3
 
@@ -276,7 +275,7 @@ def test_learning_moves_a_threshold_only_so_far(
         for _ in range(40):
             watch.move(0.5)
             watch.hear(speed)
-    assert watch.detector.gyro_threshold_radps == pytest.approx(
+    assert watch.detector.vibration.gyro_threshold_radps == pytest.approx(
         factor * START_GYRO_STD_RADPS
     )
 
@@ -292,7 +291,7 @@ def test_nothing_is_learnt_while_the_imu_is_silent() -> None:
     watch.see([gap_step(watch.body.t_ns, 1.0)])
     for _ in range(100):
         watch.hear(0.0)
-    assert watch.detector.gyro_threshold_radps == START_GYRO_STD_RADPS
+    assert watch.detector.vibration.gyro_threshold_radps == START_GYRO_STD_RADPS
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 25.0, 50.0, 200.0])

@@ -73,9 +73,11 @@ seconds whether the box sits turned; on a steady road it never can."""
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
+"""Known worse than this, an angle is sooner found anew than mended: a filter that is
+linear about it goes the wrong way."""
+
 RELEVELLED_SIGMA_RAD: Final = 0.5
-"""Beyond the first it is better to level anew than to mend. The second is what a level
-may be wrong by that was found in a turn: an aeroplane banks by that much."""
+"""What a level may be wrong by that was found amid a turn: an aeroplane banks so."""
 
 _VERDICTS: Final = {
     True: "what the last run learnt holds",
@@ -131,6 +133,12 @@ class Alignment:
     def is_level(self) -> bool:
         """Whether down is known."""
         return self.level_q is not None
+
+    @property
+    def filters(self) -> tuple[Eskf, ...]:
+        """All there are: what happens to the body, happens to each."""
+        agnostic = self.agnostic
+        return self._bank.filters + (() if agnostic is None else (agnostic,))
 
     @property
     def _reference(self) -> Eskf:

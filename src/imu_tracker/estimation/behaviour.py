@@ -96,8 +96,7 @@ class Behaviour:
                 self._learn()
 
     def _rest(self, rest: Rest, period_s: float) -> None:
-        agnostic = self._alignment.agnostic
-        for eskf in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
+        for eskf in self._alignment.filters:
             eskf.apply(vehicle.rest(eskf, rest, period_s))
 
     def _learn(self) -> None:

@@ -86,10 +86,8 @@ class Carrier:
         if self._judge is None:
             return
         t_ns, speed_mps = eskf.nominal.t_ns, math.hypot(*eskf.nominal.v_n[:2])
-        period_s, turn_rad = (
-            (t_ns - self._seen_ns) * 1e-9,
-            self.turned_rad - self._seen_rad,
-        )
+        period_s = (t_ns - self._seen_ns) * 1e-9
+        turn_rad = self.turned_rad - self._seen_rad
         self._seen_ns, self._seen_rad = t_ns, self.turned_rad
         if not 0.0 < period_s < LONGEST_S:
             return

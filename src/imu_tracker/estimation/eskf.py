@@ -135,9 +135,7 @@ class Eskf:
         self.axle_m = START_AXLE_M
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
         self.rate_n: Vec3 = _ZERO
-        self._mean_f_b: Vec3 = (
-            _ZERO  # specific force of the last second, as it was read
-        )
+        self._mean_f_b: Vec3 = _ZERO  # force of the last second, as it was read
         self._granted_var, self._granted_ns = 0.0, 0
         self._dt = self._felt_s = 0.0
         self._dv_n: Vec3 = _ZERO

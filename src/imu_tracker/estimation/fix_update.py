@@ -113,8 +113,7 @@ class FixUpdate:
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
-        agnostic = self._alignment.agnostic
-        for each in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
+        for each in self._alignment.filters:
             each.take_receiver_var(receiver.lasting_var(fix))
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned

@@ -28,12 +28,14 @@ Nobody walks more evenly than by a fifth of his speed."""
 
 LEARNING_S: Final = 15.0
 SPEED_LEARNING_S: Final = 60.0
+"""A direction lasts from corner to corner, a speed as long as somebody's company."""
 
 GOING_ON_LASTS_S: Final = 15.0
 BOUND_LASTS_S: Final = 30.0
 """For so long one such measurement is the same as the next."""
 
 DIRECTION_SIGMA_RAD: Final = math.radians(5.0)
+"""The box in its pocket turns against who carries it."""
 
 
 class Gait:

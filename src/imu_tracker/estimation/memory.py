@@ -28,7 +28,7 @@ from imu_tracker.estimation.error_model import (
 from imu_tracker.estimation.eskf import Eskf, GyroGain, Measurement
 from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.rotation import conjugate, rotate
-from imu_tracker.estimation.standstill import Levels
+from imu_tracker.estimation.vibration import Levels
 from imu_tracker.samples import GpsFix, Quat, Vec3
 
 DRIFTING_S: Final = 3600.0

@@ -98,14 +98,13 @@ class Propagation:
         if alignment.agnostic is not None:
             alignment.agnostic.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
+        self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
         if step.is_gap:
             self._bear_silence(step.dt_s)
         elif step.is_saturated:
             # A reading that was clipped may be off by as much as it says.
             turned_var = sum(x * x for x in step.dtheta_b_rad)
             self._doubt(turned_var, sum(x * x for x in step.dv_b_mps))
-        if not step.is_gap:
-            self._silent_s = 0.0
         if self._stretch_s >= STRETCH_S:
             self.predict()
             self.dark_s += self._stretch_s
@@ -140,18 +139,15 @@ class Propagation:
         A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
         2 r^2 T a second once t > T. Without the forces `predict` has let it speed up.
         """
-        self._silent_s += dt_s
+        carrier = self._carrier
         lasted_s = min(self._silent_s, SILENT_TURN_LASTS_S)
         turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
-        sped_var = self._carrier.unknown_accel_psd * dt_s
-        if not self._alignment.can_use_force(None):
-            sped_var = 0.0
+        needs_doubt = self._alignment.can_use_force(None)
+        sped_var = carrier.unknown_accel_psd * dt_s if needs_doubt else 0.0
         if self._silent_s > SILENT_TURN_LASTS_S:
             self._behaviour.forget_gait()
-        if self._carrier.is_vehicle:
-            self._doubt(turned_var, sped_var, most_tilt_var=SILENT_SLOPE_RAD**2)
-        else:
-            self._doubt(turned_var, sped_var)
+        most = SILENT_SLOPE_RAD**2 if carrier.is_vehicle else UNKNOWN_ANGLE_VAR
+        self._doubt(turned_var, sped_var, most)
 
     def _doubt(
         self,
@@ -160,11 +156,10 @@ class Propagation:
         most_tilt_var: float = UNKNOWN_ANGLE_VAR,
     ) -> None:
         """Let the body have turned and sped up by so much more, in any direction."""
-        agnostic = self._alignment.agnostic
         more = np.zeros(N_ERRORS)
         more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
         most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
-        for eskf in (*self._bank.filters, *([] if agnostic is None else [agnostic])):
+        for eskf in self._alignment.filters:
             before = eskf.P.diagonal()[ATTITUDE]
             P = eskf.P + np.diag(more)
             # An angle has an end; its correlations shrink with it.

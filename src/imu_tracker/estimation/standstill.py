@@ -9,9 +9,10 @@ the speed speaks against it.
 
 import math
 from collections import deque
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 from imu_tracker.estimation.preintegration import ImuStep
+from imu_tracker.estimation.vibration import Vibration
 from imu_tracker.samples import Vec3
 
 WINDOW_NS: Final = 1_000_000_000
@@ -19,28 +20,6 @@ WINDOW_NS: Final = 1_000_000_000
 
 CONFIRM_S: Final = 0.5
 """Rest must last so long beyond its first full window: a turning point is no stop."""
-
-START_GYRO_STD_RADPS: Final = math.radians(0.6)
-START_ACCEL_STD_MPS2: Final = 0.15
-"""Vibration below which an unknown vehicle stands. The chip's own noise at 42 Hz is
-0.05 deg/s and 0.03 m/s^2 (PS-MPU-6000A sections 6.1, 6.2); consumer chips at
-100 Hz show up to three times that; smooth asphalt shakes more."""
-
-LEARNING_SHARE: Final = 0.05
-"""What a fix adds to a level: some twenty fixes tell a vehicle from another."""
-
-QUIETER_SHARE: Final = 0.3
-LOUDER_SHARE: Final = 0.01
-"""The same where it moves more quietly, or louder, than it did: what must be told from
-rest is the slow and smooth, not the mean of all roads."""
-
-FLOOR_FACTOR: Final = 0.25
-CEILING_FACTOR: Final = 2.5
-"""How far learning may move a threshold from its start value."""
-
-_LOG_WAVERING: Final = math.log(1.25)
-"""A level at rest wavers by so much. An idling engine may shake more than a smooth
-road: what does not tell the two apart must not forbid rest; the other sensor tells."""
 
 _LATEST_STEPS: Final = 5
 LEAVING_RADPS: Final = math.radians(0.5)
@@ -84,10 +63,6 @@ worse than this. Rate and force must agree all the same. Its word comes late: on
 tells rest in hindsight may use it."""
 
 
-Levels: TypeAlias = tuple[tuple[bool, float, float], ...]
-"""Vibration of gyro (rad/s) and accelerometer (m/s^2), moving (True) and at rest."""
-
-
 class Rest(NamedTuple):
     """What the sensors read while at rest, means over the window in body axes."""
 
@@ -98,20 +73,23 @@ class Rest(NamedTuple):
 
 
 class StandstillDetector:
-    """Decides from steps whether the body rests; learns its thresholds.
+    """Decides from steps whether the body rests.
 
     Notes
     -----
-    Levels of vibration are kept for rest and for the quietest motion, each told by the
-    receiver's speed; the threshold lies at their geometric mean, within a factor of the
-    start value. A rest ends when its mean force changes, and with another force none is
-    claimed until something has shaken. One sum is kept per quantity, so that a step
-    costs the same at any window.
+    A rest ends when its mean force changes, and with another force none is claimed
+    until something has shaken. One sum is kept per quantity, so that a step costs the
+    same at any window.
 
     Parameters
     ----------
     in_hindsight : bool
         Rest is used a second or more after it was told.
+
+    Attributes
+    ----------
+    vibration : Vibration
+        How much this vehicle shakes, learnt from the receiver's speed.
     """
 
     def __init__(self, *, in_hindsight: bool = False) -> None:
@@ -122,15 +100,13 @@ class StandstillDetector:
         self._speed_mps: float | None = None
         self._speed_ns = 0
         self._vetoed_until_ns = 0
-        self._log_levels: dict[bool, tuple[float, float]] = {}
         self._n_slow = self._n_moving = 0
         self._force: tuple[Vec3, float] | None = None  # of a rest, and its duration
         self._accel: Vec3 = (0.0, 0.0, 0.0)
         self._is_shaking = True
         self._gliding: tuple[Vec3, float] | None = None  # its force, what is to brake
         self._gyro_std = self._accel_std = math.inf
-        self.gyro_threshold_radps = START_GYRO_STD_RADPS
-        self.accel_threshold_mps2 = START_ACCEL_STD_MPS2
+        self.vibration = Vibration()
 
     def observe_speed(self, t_ns: int, speed_mps: float) -> None:
         """Hear the receiver's speed; learn the level of vibration that goes with it."""
@@ -146,45 +122,7 @@ class StandstillDetector:
         is_moving = self._n_moving > 1
         if not is_moving and speed_mps > STANDING_MPS:
             return  # neither surely at rest nor surely moving
-        now = (
-            math.log(max(self._gyro_std, 1e-6)),
-            math.log(max(self._accel_std, 1e-6)),
-        )
-        old = self._log_levels.get(is_moving, now)
-        gyro, accel = (
-            b + _share(is_quieter=a < b, is_moving=is_moving) * (a - b)
-            for a, b in zip(now, old, strict=True)
-        )
-        self._log_levels[is_moving] = gyro, accel
-        self._set_thresholds()
-
-    @property
-    def levels(self) -> Levels:
-        """What was learnt of this vehicle's vibration."""
-        return tuple(
-            (is_moving, math.exp(gyro), math.exp(accel))
-            for is_moving, (gyro, accel) in self._log_levels.items()
-        )
-
-    def recall(self, levels: Levels) -> None:
-        """Begin with what an earlier run learnt; twenty fixes overrule it."""
-        self._log_levels = {
-            is_moving: (math.log(gyro), math.log(accel))
-            for is_moving, gyro, accel in levels
-        }
-        self._set_thresholds()
-
-    def _set_thresholds(self) -> None:
-        """Put them between rest and motion, once both are known."""
-        if len(self._log_levels) == 2:
-            gyro, accel = (
-                math.exp(max(0.5 * (rest + moving), rest + _LOG_WAVERING))
-                for rest, moving in zip(
-                    self._log_levels[False], self._log_levels[True], strict=True
-                )
-            )
-            self.gyro_threshold_radps = _limit(gyro, START_GYRO_STD_RADPS)
-            self.accel_threshold_mps2 = _limit(accel, START_ACCEL_STD_MPS2)
+        self.vibration.learn(self._gyro_std, self._accel_std, is_moving=is_moving)
 
     def veto(self, until_ns: int) -> None:
         """Refuse rest until then: something else says that the body moves."""
@@ -227,8 +165,9 @@ class StandstillDetector:
         if self._receiver_rests(step.t_ns):
             is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
             agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
-        is_shaking = self._shakes(agreed)
-        self._is_shaking, self._accel = self._shakes(1.0), accel
+        stds = self._gyro_std, self._accel_std
+        is_shaking = self.vibration.exceeds(*stds, factor=agreed)
+        self._is_shaking, self._accel = self.vibration.exceeds(*stds), accel
         is_turning = deviation > GLIDE_TURN_RADPS + 3.0 * gyro_bias_sigma_radps
         self._feel_braking(0.0 if is_turning else step.dt_s)
         if is_shaking or agreed > 1.0:
@@ -259,12 +198,6 @@ class StandstillDetector:
         while step.t_ns - steps[0].t_ns > WINDOW_NS:
             sums = _added(sums, steps.popleft(), -1.0)
         self._sums = sums
-
-    def _shakes(self, factor: float) -> bool:
-        return (
-            self._gyro_std > self.gyro_threshold_radps * factor
-            or self._accel_std > self.accel_threshold_mps2 * factor
-        )
 
     def _feel_braking(self, dt_s: float) -> None:
         """Count down what a gliding body has still to brake; shaking ends the glide."""
@@ -328,16 +261,6 @@ class StandstillDetector:
         # Without a receiver a smooth motorway or a train is told from a stop only by
         # what was felt of braking, and the speed that the filter still remembers.
         return self._gliding is not None or speed_mps > 1.0 + 3.0 * speed_sigma_mps
-
-
-def _share(*, is_moving: bool, is_quieter: bool) -> float:
-    if not is_moving:
-        return LEARNING_SHARE
-    return QUIETER_SHARE if is_quieter else LOUDER_SHARE
-
-
-def _limit(value: float, start: float) -> float:
-    return min(max(value, FLOOR_FACTOR * start), CEILING_FACTOR * start)
 
 
 def _added(sums: tuple[float, ...], step: ImuStep, sign: float) -> tuple[float, ...]:

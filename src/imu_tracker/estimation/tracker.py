@@ -119,7 +119,7 @@ class Tracker:
         self._navigator = navigator_of(settings, latency_s)
         self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
         if settings.prior is not None:
-            self._standstill.recall(settings.prior.still_levels)
+            self._standstill.vibration.recall(settings.prior.still_levels)
         self._latency_ns = round(latency_s * 1e9)
         self._utc = UtcClock(self._latency_ns)
         self._period_ns = 1_000_000_000 // settings.rate_hz
@@ -355,16 +355,15 @@ class Tracker:
             return None
         return _later(learnt, self._latency_ns * 1e-9)._replace(
             utc_s=None if self._row_utc_ns is None else self._row_utc_ns * 1e-9,
-            still_levels=self._standstill.levels,
+            still_levels=self._standstill.vibration.levels,
         )
 
     def report(self) -> dict[str, object]:
         """What was learnt."""
+        vibration = self._standstill.vibration
         return {
             **self._navigator.report(),
-            "still_gyro_threshold_dps": math.degrees(
-                self._standstill.gyro_threshold_radps
-            ),
-            "still_accel_threshold_mps2": self._standstill.accel_threshold_mps2,
+            "still_gyro_threshold_dps": math.degrees(vibration.gyro_threshold_radps),
+            "still_accel_threshold_mps2": vibration.accel_threshold_mps2,
             "utc_jumps": self._utc.jumps,
         }
