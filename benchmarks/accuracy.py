@@ -20,10 +20,10 @@ import numpy as np
 
 from benchmarks.drives import FOLDER_VARIABLE
 from imu_tracker.config import load_config
-from imu_tracker.recording import read_recording
-from imu_tracker.replay import Replay
-from imu_tracker.scenes import Outage, Stream, hide_gps
-from imu_tracker.scoring import Track, read_truth
+from imu_tracker.recording.edit import Outage, Stream, hide_gps
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.replay import Replay
+from imu_tracker.recording.scoring import Track, read_truth
 from imu_tracker.simulation import simulate
 
 OUTAGES_S: Final = (15.0, 30.0, 60.0)

@@ -25,23 +25,23 @@ import numpy as np
 from benchmarks.accuracy import FIRST_OUTAGE_S, PAUSE_S, SETTINGS, Drive
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.calibration_file import Calibration, read_calibration
 from imu_tracker.cli import main as imu_tracker
 from imu_tracker.config import load_config
-from imu_tracker.estimation.geodesy import gravity_mps2
-from imu_tracker.recording import RecordingWriter
-from imu_tracker.replay import Replay
+from imu_tracker.geometry.geodesy import gravity_mps2
+from imu_tracker.recording.edit import Outage, Stream, hide_gps
+from imu_tracker.recording.files import RecordingWriter
+from imu_tracker.recording.replay import Replay
+from imu_tracker.recording.scoring import Track
 from imu_tracker.samples import Frame, SessionHeader, Source
-from imu_tracker.scenes import Outage, Stream, hide_gps
-from imu_tracker.scoring import Track
 from imu_tracker.simulation import Simulated, simulate
-from imu_tracker.simulation.paths import FloatArray
-from imu_tracker.simulation.scenarios import DELFT
-from imu_tracker.simulation.sensor_errors import (
+from imu_tracker.simulation.imu.errors import (
     TYPICAL_CHIP,
     ChipErrors,
     ChipTraits,
 )
+from imu_tracker.simulation.motion.paths import FloatArray
+from imu_tracker.simulation.scenarios import DELFT
+from imu_tracker.storage.calibration_file import Calibration, read_calibration
 
 SEEDS: Final = 6
 DRIVE_S: Final = 600.0

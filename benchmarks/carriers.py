@@ -18,7 +18,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from benchmarks.consistency import ASKEW, Array, Drive, pooled, run
-from imu_tracker.simulation.motion import (
+from imu_tracker.simulation.imu.errors import SensorErrors
+from imu_tracker.simulation.motion.paths import (
+    Leg,
+    Path,
+    change_speed,
+    cruise,
+    stand,
+    turn,
+)
+from imu_tracker.simulation.motion.trajectory import (
     Gait,
     Hills,
     Motion,
@@ -26,9 +35,7 @@ from imu_tracker.simulation.motion import (
     Suspension,
     Trajectory,
 )
-from imu_tracker.simulation.paths import Leg, Path, change_speed, cruise, stand, turn
 from imu_tracker.simulation.scenarios import SCENARIOS, START_STILL_S, Scenario
-from imu_tracker.simulation.sensor_errors import SensorErrors
 
 Rng = np.random.Generator
 

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.config import load_config
-from imu_tracker.replay import Replay
+from imu_tracker.recording.edit import Outage, Stream, hide_gps
+from imu_tracker.recording.replay import Replay
+from imu_tracker.recording.scoring import WARM_UP_S, Track, answer, metres_per_degree
 from imu_tracker.samples import Frame, Source
-from imu_tracker.scenes import Outage, Stream, hide_gps
-from imu_tracker.scoring import WARM_UP_S, Track, answer, metres_per_degree
 from imu_tracker.simulation import simulate
+from imu_tracker.simulation.imu.errors import TYPICAL_CHIP
 from imu_tracker.simulation.scenarios import SCENARIOS, Scenario
-from imu_tracker.simulation.sensor_errors import TYPICAL_CHIP
 from imu_tracker.simulation.simulator import START_NS, START_UTC_S
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.recording import RecordingWriter, read_recording
+from imu_tracker.recording.files import RecordingWriter, read_recording
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
@@ -15,7 +15,7 @@ from imu_tracker.samples import (
     SessionHeader,
     Source,
 )
-from imu_tracker.sensors.nmea import EpochReader
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 from imu_tracker.simulation import simulate
 
 FOLDER_VARIABLE: Final = "IMU_TRACKER_RECORDINGS"

@@ -19,10 +19,10 @@ import numpy as np
 
 from benchmarks.yardstick import yardstick_s
 from imu_tracker.config import load_config
-from imu_tracker.outputs.latlong import LatLongLog
-from imu_tracker.recording import read_recording
-from imu_tracker.replay import Replay
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.replay import Replay
 from imu_tracker.samples import Frame, NavState, SessionHeader
+from imu_tracker.storage.latlong import LatLongLog
 
 SLICE_S: Final = 300
 

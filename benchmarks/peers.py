@@ -11,8 +11,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from benchmarks.drives import Drive
-from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.rotation import (
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import (
     from_rotation_vector,
     level_from_gravity,
     multiply,

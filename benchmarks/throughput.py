@@ -15,12 +15,12 @@ from benchmarks.drives import Drive
 from benchmarks.peers import run_plain_filterpy, run_pyins
 from benchmarks.yardstick import yardstick_s
 from imu_tracker.config import load_config
-from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
-from imu_tracker.outputs.latlong import LatLongLog
-from imu_tracker.recording import read_recording
-from imu_tracker.replay import Replay
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.replay import Replay
 from imu_tracker.samples import GpsFix, NavState
+from imu_tracker.storage.latlong import LatLongLog
 
 WARM_UP_SAMPLES: Final = 3000
 

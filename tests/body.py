@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from imu_tracker.estimation.preintegration import ImuStep, Preintegrator
+from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.samples import ImuSample, Vec3
 
 G = 9.81

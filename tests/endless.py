@@ -15,15 +15,15 @@ import numpy as np
 from fake_clock import FakeClock
 from imu_tracker.calibration.counts import CountsModel
 from imu_tracker.config import Config
-from imu_tracker.daemon.live import GpsFactory, ImuFactory
-from imu_tracker.estimation.geodesy import gravity_mps2
+from imu_tracker.geometry.geodesy import gravity_mps2
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Source
 from imu_tracker.simulation import SCENARIOS
-from imu_tracker.simulation.imu import Imu
-from imu_tracker.simulation.motion import Trajectory
-from imu_tracker.simulation.positions import TICKS_PER_S, Place, whereabouts
-from imu_tracker.simulation.receiver import TYPICAL_RECEIVER, Receiver
-from imu_tracker.simulation.sensor_errors import TYPICAL_CHIP, ChipTraits
+from imu_tracker.simulation.imu.chip import Imu
+from imu_tracker.simulation.imu.errors import TYPICAL_CHIP, ChipTraits
+from imu_tracker.simulation.motion.positions import TICKS_PER_S, Place, whereabouts
+from imu_tracker.simulation.motion.trajectory import Trajectory
+from imu_tracker.simulation.receiver.receiver import TYPICAL_RECEIVER, Receiver
+from imu_tracker.sources.live import GpsFactory, ImuFactory
 from scripted_sensors import LINE_NS, S, ScriptedGps, ScriptedImu
 
 RATE_HZ = 10.0

@@ -66,7 +66,7 @@ class FakeReceiver:
 
 
 class FakePort:
-    """Satisfies `imu_tracker.sensors.gps_port.GpsPort`."""
+    """Satisfies `imu_tracker.sensors.gnss.port.GpsPort`."""
 
     def __init__(self, receiver: FakeReceiver, baud: int) -> None:
         self.receiver, self.bauds = receiver, [baud]

@@ -10,10 +10,10 @@ from typing import Any, cast
 
 from fake_clock import FakeClock
 from imu_tracker.config import Config
-from imu_tracker.daemon.live import GpsFactory, ImuFactory
 from imu_tracker.samples import Frame, Source
-from imu_tracker.sensors.gps import GpsHealth, GpsState
+from imu_tracker.sensors.gnss.reader import GpsHealth, GpsState
 from imu_tracker.simulation import simulate
+from imu_tracker.sources.live import GpsFactory, ImuFactory
 
 S = 1_000_000_000
 DRAIN_NS = 50_000_000  # the FIFO's grid

@@ -13,8 +13,8 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from benchmarks.seeds.measure import Array
-from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import NavState
 from imu_tracker.simulation import simulate

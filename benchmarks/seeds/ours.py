@@ -19,17 +19,17 @@ from benchmarks.seeds.samples import (
     NOISE_SIGMA_RAD,
     Samples,
 )
-from imu_tracker.estimation.error_model import N_ERRORS, NoiseLevel
-from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
-from imu_tracker.estimation.position_filter import PositionFilter
-from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.rotation import (
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.states import N_ERRORS, NoiseLevel
+from imu_tracker.estimation.six_state.position_filter import PositionFilter
+from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
     multiply,
     rotate,
     to_rotation_vector,
 )
+from imu_tracker.motion.preintegration import ImuStep
 
 EXACT_SIGMA_M: Final = 1e-3
 """What says of a fix that it is exact."""

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Picture
 
 from benchmarks.seeds import ours, samples, thesis, walks
 from benchmarks.seeds.measure import Array, its_measure, mean_distance_m
-from imu_tracker.palette import BLACK, BLUE, ORANGE, VERMILION
+from imu_tracker.exports.palette import BLACK, BLUE, ORANGE, VERMILION
 from imu_tracker.simulation.scenarios import START_STILL_S
 
 _DPI: Final = 100

@@ -14,8 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from benchmarks.seeds.measure import Array, Indices
-from imu_tracker.estimation.geodesy import gravity_mps2
-from imu_tracker.simulation.figures import (
+from imu_tracker.geometry.geodesy import gravity_mps2
+from imu_tracker.simulation.imu.ideal import attitude_matrix, specific_force
+from imu_tracker.simulation.motion.figures import (
     POINTS,
     ROUND_S,
     RUN_UP_S,
@@ -25,8 +26,7 @@ from imu_tracker.simulation.figures import (
     lissajous,
     side_by_side,
 )
-from imu_tracker.simulation.ideal_imu import attitude_matrix, specific_force
-from imu_tracker.simulation.motion import Trajectory
+from imu_tracker.simulation.motion.trajectory import Trajectory
 from imu_tracker.simulation.scenarios import DELFT
 
 GRAVITY_MPS2: Final = gravity_mps2(DELFT.lat_rad, DELFT.alt_m)

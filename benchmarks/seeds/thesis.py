@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.seeds.measure import Array, Indices
 from benchmarks.seeds.samples import Samples
-from imu_tracker.simulation.ideal_imu import attitude_matrix
+from imu_tracker.simulation.imu.ideal import attitude_matrix
 
 Q: Final = 0.001 * np.eye(6)
 P0: Final = np.diag([1.0, 1.0, 0.0, 0.1, 0.1, 0.1])

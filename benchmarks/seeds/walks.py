@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks.seeds import report_b, samples, thesis
 from benchmarks.seeds.measure import Array, mean_distance_m
-from imu_tracker.estimation.geodesy import LocalFrame
 from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.simulation import SCENARIOS, Scenario, simulate
-from imu_tracker.simulation.motion import Gait, Ride
-from imu_tracker.simulation.paths import Path, change_speed, cruise, stand
+from imu_tracker.simulation.motion.paths import Path, change_speed, cruise, stand
+from imu_tracker.simulation.motion.trajectory import Gait, Ride
 from imu_tracker.simulation.scenarios import (
     DELFT,
     END_STILL_S,

@@ -16,8 +16,6 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
-from imu_tracker.commands.calibrate import add_calibrate
-from imu_tracker.commands.characterise import add_characterise
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
@@ -25,7 +23,9 @@ from imu_tracker.commands.plot import add_plot
 from imu_tracker.commands.record import add_record
 from imu_tracker.commands.replay import add_replay
 from imu_tracker.commands.run import add_run
-from imu_tracker.commands.selftest import add_selftest
+from imu_tracker.commands.sensor.calibrate import add_calibrate
+from imu_tracker.commands.sensor.characterise import add_characterise
+from imu_tracker.commands.sensor.selftest import add_selftest
 from imu_tracker.commands.simulate import add_simulate
 from imu_tracker.commands.status import add_status
 from imu_tracker.errors import OutputError, TrackerError

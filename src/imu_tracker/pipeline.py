@@ -12,12 +12,12 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.memory import Learnt
+from imu_tracker.estimation.error_state.warm_start import Learnt
 from imu_tracker.estimation.prediction import Prediction
+from imu_tracker.estimation.receiver.backlog import Backlog
+from imu_tracker.estimation.receiver.spoofing import DragWatch
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
-from imu_tracker.integrity.axes import StuckAxes
-from imu_tracker.integrity.backlog import Backlog
-from imu_tracker.integrity.drag import DragWatch
+from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
@@ -28,7 +28,7 @@ from imu_tracker.samples import (
     Source,
     UtcTime,
 )
-from imu_tracker.sensors.nmea import EpochReader
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 
 
 class Pipeline:

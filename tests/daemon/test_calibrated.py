@@ -6,9 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from imu_tracker.calibration_file import Calibration, GyroPart, write_calibration
 from imu_tracker.config import load_config
 from imu_tracker.daemon import run
+from imu_tracker.storage.calibration_file import (
+    Calibration,
+    GyroPart,
+    write_calibration,
+)
 
 BIAS = (0.02, -0.01, 0.03)
 

@@ -26,8 +26,8 @@ from fake_clock import FakeClock
 from imu_tracker.config import load_config
 from imu_tracker.daemon import run
 from imu_tracker.daemon.supervision import Signals
-from imu_tracker.outputs.latlong import LoggedTrack, read_log
-from imu_tracker.simulation.positions import Place
+from imu_tracker.simulation.motion.positions import Place
+from imu_tracker.storage.latlong import LoggedTrack, read_log
 from nmea_text import sentence
 
 S = 1_000_000_000

@@ -11,14 +11,14 @@ from fake_clock import FakeClock
 from imu_tracker.cli import main
 from imu_tracker.config import Config, load_config
 from imu_tracker.daemon import run
-from imu_tracker.daemon.feeds import BATCH
-from imu_tracker.daemon.played import PlayedFeed
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.errors import ConfigError
-from imu_tracker.outputs.latlong import read_log
-from imu_tracker.recording import RecordingWriter
+from imu_tracker.recording.files import RecordingWriter
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.simulation import simulate
+from imu_tracker.sources.feed import BATCH
+from imu_tracker.sources.played import PlayedFeed
+from imu_tracker.storage.latlong import read_log
 
 S = 1_000_000_000
 HEADER = SessionHeader(4, 500, 100)

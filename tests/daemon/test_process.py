@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from imu_tracker.outputs.latlong import HEADER, read_log
-from imu_tracker.recording import RecordingWriter
+from imu_tracker.recording.files import RecordingWriter
 from imu_tracker.simulation import simulate
+from imu_tracker.storage.latlong import HEADER, read_log
 
 START_S = 30.0  # importing scipy on a busy machine
 END_S = 2.0  # what the contract allows after SIGTERM

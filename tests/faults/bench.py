@@ -20,15 +20,15 @@ from faults.serial_line import SerialLine
 from faults.turns import TurnClock, Turner
 from imu_tracker.config import Config, load_config
 from imu_tracker.daemon import run
-from imu_tracker.daemon.live import GpsFactory, ImuFactory
 from imu_tracker.daemon.supervision import Signals
-from imu_tracker.estimation.gate import FixOutcome
+from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.tracker import Tracker
-from imu_tracker.hardware import imu_settings
-from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.samples import Frame, GpsFix, NavState, Source
-from imu_tracker.sensors.gps import GpsReader
-from imu_tracker.sensors.imu import ImuReader
+from imu_tracker.sensors.gnss.reader import GpsReader
+from imu_tracker.sensors.imu.reader import ImuReader
+from imu_tracker.sources.factory import imu_settings
+from imu_tracker.sources.live import GpsFactory, ImuFactory
+from imu_tracker.storage.latlong import LatLongLog
 from simulated import METRES_PER_RAD
 
 USED = (FixOutcome.INITIALISED, FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)

@@ -13,7 +13,7 @@ from faults.bench import Bench, Result
 from faults.drives import FIRST_FIX_S, LENGTH_S, S, Said, clock_ns
 from faults.table import AT_S, HIDDEN_S, Fault, Phase
 from imu_tracker import pipeline
-from imu_tracker.outputs.latlong import read_log
+from imu_tracker.storage.latlong import read_log
 
 INSIDE: Final = 0.95
 LATEST_ROW_S: Final = 0.5

@@ -12,7 +12,7 @@ import numpy as np
 from fake_i2c.world import Feeling
 from imu_tracker.samples import Source
 from imu_tracker.simulation import TruthRow, simulate
-from imu_tracker.simulation.receiver import TYPICAL_RECEIVER
+from imu_tracker.simulation.receiver.receiver import TYPICAL_RECEIVER
 from imu_tracker.simulation.simulator import START_NS
 
 S: Final = 1_000_000_000

@@ -41,7 +41,7 @@ PROTECTIONS: Final = (
     Protection(
         *("one NACK ends the program", "a failed transfer is tried again"),
         *(
-            "sensors/imu.py",
+            "sensors/imu/reader.py",
             "                if has_failed:\n",
             "                if True:\n",
         ),
@@ -50,7 +50,7 @@ PROTECTIONS: Final = (
     Protection(
         *("OSError 121 ends the program", "the reader catches it and opens again"),
         *(
-            "sensors/imu.py",
+            "sensors/imu/reader.py",
             "except (TrackerError, OSError) as error",
             "except KeyError as error",
         ),
@@ -59,7 +59,7 @@ PROTECTIONS: Final = (
     Protection(
         *("the bus comes back, the driver does not", "attempts at most 0.5 s apart"),
         *(
-            "sensors/imu.py",
+            "sensors/imu/reader.py",
             "LAST_RETRY_NS: Final = 500 * M",
             "LAST_RETRY_NS: Final = 60_000 * M",
         ),
@@ -71,7 +71,7 @@ PROTECTIONS: Final = (
             "the bus is opened anew",
         ),
         *(
-            "sensors/imu.py",
+            "sensors/imu/reader.py",
             "with closing(self._open_bus()) as bus:",
             "self._b = bus = getattr(self, '_b', None) or self._open_bus()\n        if True:",
         ),
@@ -80,7 +80,7 @@ PROTECTIONS: Final = (
     Protection(
         *("another chip under the same name", "WHO_AM_I is checked"),
         *(
-            "sensors/mpu6050.py",
+            "sensors/imu/mpu6050.py",
             "if who_am_i not in CHIPS and not self._allow_unknown:",
             "if False:",
         ),
@@ -88,23 +88,27 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("a brown-out puts the ranges back", "registers are read back twice a second"),
-        *("sensors/imu.py", "if not imu.is_configured():", "if False:"),
+        *("sensors/imu/reader.py", "if not imu.is_configured():", "if False:"),
         "[ranges back to default-moving]",
     ),
     Protection(
         *("a brown-out is noticed late", "twice a second, not each second"),
-        *("sensors/imu.py", "SCRUB_NS: Final = 500 * M", "SCRUB_NS: Final = 1000 * M"),
+        *(
+            "sensors/imu/reader.py",
+            "SCRUB_NS: Final = 500 * M",
+            "SCRUB_NS: Final = 1000 * M",
+        ),
         "[ranges back to default-moving]",
     ),
     Protection(
         *("a repaired brown-out that nobody hears of", "the event imu_reset"),
-        *("sensors/imu.py", 'self._tell("reset", self._reset_reason)', "pass"),
+        *("sensors/imu/reader.py", 'self._tell("reset", self._reset_reason)', "pass"),
         "[brown-out-moving]",
     ),
     Protection(
         *("a chip that repeats its last sample", "frames are compared"),
         *(
-            "sensors/imu_sources.py",
+            "sensors/imu/sources.py",
             "if max(self._silent_looks, self._same_looks) < self._patience:",
             "if True:",
         ),
@@ -113,7 +117,7 @@ PROTECTIONS: Final = (
     Protection(
         *("FIFO overflow, plausible nonsense", "the overflow bit and the count"),
         *(
-            "sensors/fifo.py",
+            "sensors/imu/fifo.py",
             "if FIFO_OFLOW_INT.get(status) or count >= self._chip.fifo_bytes:",
             "if False:",
         ),
@@ -122,7 +126,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a FIFO shifted by a byte", "whole frames only"),
         *(
-            "sensors/fifo.py",
+            "sensors/imu/fifo.py",
             "        if count % FRAME_BYTES:\n            return",
             "        if False:\n            return",
         ),
@@ -131,7 +135,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a read of the FIFO that broke off", "then it is emptied"),
         *(
-            "sensors/fifo.py",
+            "sensors/imu/fifo.py",
             "self._is_in_doubt = True  # until",
             "self._is_in_doubt = False  # until",
         ),
@@ -139,13 +143,13 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("frames that are shifted look plausible", "the temperature cannot jump"),
-        *("sensors/fifo.py", "if not self._is_aligned(frames):", "if False:"),
+        *("sensors/imu/fifo.py", "if not self._is_aligned(frames):", "if False:"),
         "tests/unit/test_fifo.py",
     ),
     Protection(
         *("register writes that are lost", "each is read back"),
         *(
-            "sensors/mpu6050.py",
+            "sensors/imu/mpu6050.py",
             "            self.registers.put(register, value)\n        self._sleep_ms(_GYRO",
             "            self.registers.write(register, value)\n        self._sleep_ms(_GYRO",
         ),
@@ -153,13 +157,13 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("settings that another program left", "a device reset at the start"),
-        *("sensors/mpu6050.py", "        self.reset()\n", ""),
+        *("sensors/imu/mpu6050.py", "        self.reset()\n", ""),
         "tests/unit/test_mpu6050.py",
     ),
     Protection(
         *("an axis that stands", "its counts are compared with those of the others"),
         *(
-            "integrity/axes.py",
+            "motion/stuck_axes.py",
             "        if self._stuck:\n            self.counters",
             "        if False:\n            self.counters",
         ),
@@ -168,7 +172,7 @@ PROTECTIONS: Final = (
     Protection(
         *("an axis at the end of its range", "after 0.2 s the IMU is not used"),
         *(
-            "integrity/axes.py",
+            "motion/stuck_axes.py",
             "        if sample.t_ns - self._clipped_ns < CLIPPED_NS:",
             "        if True:",
         ),
@@ -176,18 +180,22 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("a chip that is 2 % fast", "its clock is fitted to the host's"),
-        *("sensors/sample_clock.py", "self._p += gain_p * innovation", "pass"),
+        *("sensors/imu/sample_clock.py", "self._p += gain_p * innovation", "pass"),
         "tests/unit/test_sample_clock.py",
     ),
     Protection(
         *("an unplugged receiver ends the process", "the port is opened again"),
-        *("sensors/gps.py", "except FAULTS as error:", "except KeyError as error:"),
+        *(
+            "sensors/gnss/reader.py",
+            "except FAULTS as error:",
+            "except KeyError as error:",
+        ),
         "[GPS unplugged for 10 s-moving]",
     ),
     Protection(
         *("the wrong baud rate", "all are tried in turn"),
         *(
-            "sensors/gps_baud.py",
+            "sensors/gnss/baud.py",
             "            self.baud = self._candidate\n",
             "            pass\n",
         ),
@@ -199,7 +207,7 @@ PROTECTIONS: Final = (
             "the known one gets every other turn",
         ),
         *(
-            "sensors/gps_baud.py",
+            "sensors/gnss/baud.py",
             "if self.known is not None and self.baud != self.known:",
             "if False:",
         ),
@@ -207,13 +215,13 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("a sentence cut off, without a checksum", "a checksum is mandatory"),
-        *("sensors/nmea_lines.py", "if not start or not star:", "if not start:"),
+        *("sensors/gnss/lines.py", "if not start or not star:", "if not start:"),
         "tests/unit/test_nmea_lines.py",
     ),
     Protection(
         *("garbage that looks like a sentence", "the checksum is compared"),
         *(
-            "sensors/nmea_lines.py",
+            "sensors/gnss/lines.py",
             'if digits.upper() != b"%02X" % reduce(xor, body, 0):',
             "if False:",
         ),
@@ -222,7 +230,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a line without an end fills the memory", "lines end after 255 bytes"),
         *(
-            "sensors/nmea_lines.py",
+            "sensors/gnss/lines.py",
             "self._tail = whole[-MAX_LINE:]",
             "self._tail = whole",
         ),
@@ -231,7 +239,7 @@ PROTECTIONS: Final = (
     Protection(
         *("RMC with status V is read as a fix", "status A alone counts"),
         *(
-            "sensors/nmea_sentences.py",
+            "sensors/gnss/sentences.py",
             '        has_fix=status == "A" and mode not in NOT_MEASURED,',
             "        has_fix=True,",
         ),
@@ -239,13 +247,13 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("0 N 0 E reaches the log", "such a place is none"),
-        *("sensors/nmea_sentences.py", "or lat_deg == lon_deg == 0:", "or False:"),
+        *("sensors/gnss/sentences.py", "or lat_deg == lon_deg == 0:", "or False:"),
         "[GPS at 0 N 0 E for 10 s-start]",
     ),
     Protection(
         *("dates 1024 weeks back", "weeks are added until they are not"),
         *(
-            "sensors/nmea_dates.py",
+            "sensors/gnss/calendar.py",
             "            return max(0, ceil((self._earliest_utc_s - sent_utc_s) / ROLLOVER_S))",
             "            return 0",
         ),
@@ -253,18 +261,22 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("an epoch that comes twice counts twice", "those given are remembered"),
-        *("sensors/nmea.py", "if epoch.tod_s in self._given:", "if False:"),
+        *(
+            "sensors/gnss/epoch_reader.py",
+            "if epoch.tod_s in self._given:",
+            "if False:",
+        ),
         "tests/unit/test_nmea.py",
     ),
     Protection(
         *("a wild fix moves the track", "a gate on the innovation"),
-        *("estimation/gate.py", "if nis <= NIS_LIMIT:", "if True:"),
+        *("estimation/receiver/gate.py", "if nis <= NIS_LIMIT:", "if True:"),
         "[50 km away for 5 s-moving]",
     ),
     Protection(
         *("the gate locks the receiver out", "rejected fixes that agree win"),
         *(
-            "estimation/gate.py",
+            "estimation/receiver/gate.py",
             "            self._streak.clear()\n            return True\n        return False\n\n    def _agree",
             "            return False\n        return False\n\n    def _agree",
         ),
@@ -273,7 +285,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a receiver that is led astray", "places against its own velocities"),
         *(
-            "integrity/drag.py",
+            "estimation/receiver/spoofing.py",
             "        drawn_m = self._drawn_by_position(fix)\n",
             "        drawn_m = 0.0\n",
         ),
@@ -282,7 +294,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a receiver that is led astray, parked", "places against a resting IMU"),
         *(
-            "integrity/drag.py",
+            "estimation/receiver/spoofing.py",
             "        rested_m = self._drawn_at_rest(fix)\n",
             "        rested_m = 0.0\n",
         ),
@@ -291,7 +303,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a receiver sends more than its line carries", "arrival less UTC is watched"),
         *(
-            "integrity/backlog.py",
+            "estimation/receiver/backlog.py",
             "if not self._is_overloaded and self._grows(waited_ns):",
             "if False:",
         ),
@@ -311,7 +323,7 @@ PROTECTIONS: Final = (
             "a leap second dates fixes wrong",
             "whole seconds are in doubt, then believed",
         ),
-        *("estimation/utc.py", " < STALE_NS and not is_leap:", " < STALE_NS:"),
+        *("estimation/receiver/utc.py", " < STALE_NS and not is_leap:", " < STALE_NS:"),
         "[a leap second-moving]",
     ),
     Protection(
@@ -325,7 +337,7 @@ PROTECTIONS: Final = (
             "a gap is as warm as the sample before",
         ),
         *(
-            "estimation/preintegration.py",
+            "motion/preintegration.py",
             "math.nan if last is None else last.temp_degc",
             "math.nan",
         ),
@@ -333,18 +345,18 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("a full queue blocks or is hidden", "refused frames are counted and told"),
-        *("daemon/live.py", "if len(self._queue) < MAX_WAITING:", "if True:"),
+        *("sources/live.py", "if len(self._queue) < MAX_WAITING:", "if True:"),
         "[queue overrun-moving]",
     ),
     Protection(
         *("a full disk loses rows", "rows wait in memory"),
-        *("outputs/appendfile.py", "        self._waiting.append(records)\n", ""),
+        *("storage/append_file.py", "        self._waiting.append(records)\n", ""),
         "[disk full for 10 s-moving]",
     ),
     Protection(
         *("a log that is deleted or moved goes on unseen", "its inode is compared"),
         *(
-            "outputs/appendfile.py",
+            "storage/append_file.py",
             "if not self._is_in_place():",
             "if self._fd is None:",
         ),
@@ -353,7 +365,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a power cut costs half a minute", "fsync each sync_s"),
         *(
-            "outputs/appendfile.py",
+            "storage/append_file.py",
             "                os.fsync(self._fd)\n                self._is_synced",
             "                self._is_synced",
         ),
@@ -362,7 +374,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a torn tail after a power cut", "it is cut off at the start"),
         *(
-            "outputs/appendfile.py",
+            "storage/append_file.py",
             "            os.ftruncate(fd, size)\n",
             "            pass\n",
         ),
@@ -370,7 +382,7 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("a state file that is half written", "sync before the rename"),
-        *("outputs/atomic.py", "            os.fsync(file.fileno())\n", ""),
+        *("storage/atomic.py", "            os.fsync(file.fileno())\n", ""),
         "tests/faults/test_kills.py",
     ),
     Protection(

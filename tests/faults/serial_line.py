@@ -83,7 +83,7 @@ class SerialLine:
 
 
 class LinePort:
-    """Satisfies `imu_tracker.sensors.gps_port.GpsPort`."""
+    """Satisfies `imu_tracker.sensors.gnss.port.GpsPort`."""
 
     has_speed = True
 

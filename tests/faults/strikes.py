@@ -14,8 +14,8 @@ from fake_i2c.world import Feeling
 from faults import sentences
 from faults.bench import Bench
 from faults.drives import S, Said, clock_ns
-from imu_tracker.daemon.live import MAX_WAITING
 from imu_tracker.samples import Frame, Source
+from imu_tracker.sources.live import MAX_WAITING
 from small_disk import SmallDisk
 
 # ------------------------------------------------------------------- the bus, the chip

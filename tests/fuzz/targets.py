@@ -21,14 +21,13 @@ from pathlib import Path
 from struct import pack
 from typing import Final, NamedTuple, TypeVar
 
-from imu_tracker.calibration_file import read_calibration
 from imu_tracker.commands.status import read_status
 from imu_tracker.config import load_config
 from imu_tracker.errors import ConfigError, TrackerError
 from imu_tracker.estimation.tracker import TrackerSettings
-from imu_tracker.outputs.latlong import HEADER, format_row, read_log
 from imu_tracker.pipeline import Pipeline
-from imu_tracker.recording import read_recording
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.scoring import read_truth
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
@@ -37,9 +36,10 @@ from imu_tracker.samples import (
     SessionHeader,
     Source,
 )
-from imu_tracker.scoring import read_truth
-from imu_tracker.sensors.nmea import EpochReader, LineSplitter, Positions
-from imu_tracker.state_file import Sensor, read_state
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader, LineSplitter, Positions
+from imu_tracker.storage.calibration_file import read_calibration
+from imu_tracker.storage.latlong import HEADER, format_row, read_log
+from imu_tracker.storage.state_file import Sensor, read_state
 from nmea_text import gga, gll, rmc, sentence
 
 T = TypeVar("T")

@@ -20,12 +20,12 @@ from imu_tracker.errors import (
     NotRunningError,
     RecordingError,
 )
-from imu_tracker.outputs.latlong import HEADER, read_log
-from imu_tracker.recording import read_recording
-from imu_tracker.replay import Replay
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.replay import Replay
+from imu_tracker.recording.scoring import read_truth
 from imu_tracker.samples import Frame, GpsFix, SessionHeader, Source
-from imu_tracker.scoring import read_truth
-from imu_tracker.sensors.nmea import EpochReader
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader
+from imu_tracker.storage.latlong import HEADER, read_log
 from nmea_text import gga, rmc, sentence
 
 MB = 1_000_000

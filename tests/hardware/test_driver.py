@@ -16,12 +16,12 @@ from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors.clock import Clock, MonotonicClock
-from imu_tracker.sensors.fifo import DrainOutcome
-from imu_tracker.sensors.i2c import OpenI2CBus, open_bus
-from imu_tracker.sensors.imu import ImuReader
-from imu_tracker.sensors.mpu6050 import Mpu6050
-from imu_tracker.sensors.selftest import Verdict, self_test
-from imu_tracker.sensors.setup import ImuSettings
+from imu_tracker.sensors.imu.fifo import DrainOutcome
+from imu_tracker.sensors.imu.i2c import OpenI2CBus, open_bus
+from imu_tracker.sensors.imu.mpu6050 import Mpu6050
+from imu_tracker.sensors.imu.reader import ImuReader
+from imu_tracker.sensors.imu.selftest import Verdict, self_test
+from imu_tracker.sensors.imu.setup import ImuSettings
 
 BUS = os.environ.get("IMU_TRACKER_I2C_BUS")
 ADDRESS = int(os.environ.get("IMU_TRACKER_I2C_ADDRESS", "0x68"), 0)

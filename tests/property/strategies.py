@@ -4,7 +4,7 @@ import math
 
 from hypothesis import strategies as st
 
-from imu_tracker.estimation.rotation import normalise
+from imu_tracker.geometry.rotation import normalise
 
 unit_quaternions = (
     st.tuples(*[st.floats(-1.0, 1.0)] * 4)

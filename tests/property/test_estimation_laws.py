@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 
 from imu_tracker.calibration.counts import CountsModel, parse_mount
 from imu_tracker.errors import ConfigError
-from imu_tracker.estimation.constraints import no_side_slip
-from imu_tracker.estimation.estimator import r95_of
-from imu_tracker.estimation.geodesy import LocalFrame, radii_m
-from imu_tracker.estimation.preintegration import Preintegrator
-from imu_tracker.estimation.rotation import (
+from imu_tracker.estimation.estimate import r95_of
+from imu_tracker.estimation.receiver.utc import UtcClock
+from imu_tracker.estimation.six_state.constraints import no_side_slip
+from imu_tracker.estimation.six_state.estimator import SixState
+from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.geometry.geodesy import LocalFrame, radii_m
+from imu_tracker.geometry.rotation import (
     IDENTITY,
     conjugate,
     from_euler,
@@ -28,11 +30,8 @@ from imu_tracker.estimation.rotation import (
     to_rotation_vector,
     wrap_pi,
 )
-from imu_tracker.estimation.six_state import SixState
-from imu_tracker.estimation.standstill import Rest
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
-from imu_tracker.estimation.utc import UtcClock
-from imu_tracker.outputs.latlong import format_row
+from imu_tracker.motion.preintegration import Preintegrator
+from imu_tracker.motion.standstill import Rest
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import (
     Frame,
@@ -45,6 +44,7 @@ from imu_tracker.samples import (
     Vec3,
 )
 from imu_tracker.simulation import simulate
+from imu_tracker.storage.latlong import format_row
 from property.strategies import (
     angles,
     bursts,

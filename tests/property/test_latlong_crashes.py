@@ -11,7 +11,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from imu_tracker.outputs.latlong import LatLongLog, format_row, read_log
+from imu_tracker.storage.latlong import LatLongLog, format_row, read_log
 from log_states import SECOND_NS, START_UTC_S, state
 from small_disk import SmallDisk
 

@@ -3,8 +3,8 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imu_tracker.outputs.latlong import HEADER, format_row
 from imu_tracker.samples import Mode
+from imu_tracker.storage.latlong import HEADER, format_row
 from log_states import START_UTC_S, state
 
 SHAPE = re.compile(

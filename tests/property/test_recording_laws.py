@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imu_tracker.errors import RecordingError
-from imu_tracker.record_format import MAGIC, MAX_TEXT_BYTES
-from imu_tracker.recording import (
+from imu_tracker.recording.files import (
     LONGEST_SILENCE_NS,
     RecordingWriter,
     read_recording,
     tee,
 )
+from imu_tracker.recording.format import MAGIC, MAX_TEXT_BYTES
 from imu_tracker.samples import Frame, SessionHeader, Source
 
 times = st.integers(0, LONGEST_SILENCE_NS)

@@ -6,7 +6,7 @@ from math import floor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imu_tracker.sensors.sample_clock import SampleClock
+from imu_tracker.sensors.imu.sample_clock import SampleClock
 
 PERIOD_NS = 10_000_000
 

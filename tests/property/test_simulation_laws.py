@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imu_tracker.simulation.paths import Path, change_speed, cruise, turn
-from imu_tracker.simulation.sentences import Report, Resolution, Solution, gga, rmc
+from imu_tracker.simulation.motion.paths import Path, change_speed, cruise, turn
+from imu_tracker.simulation.receiver.sentences import (
+    Report,
+    Resolution,
+    Solution,
+    gga,
+    rmc,
+)
 
 speeds = st.floats(0.5, 40.0)
 angles = st.floats(-3.0, 3.0).filter(lambda angle: abs(angle) > 1e-3)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from benchmarks.consistency import FIRST_SEED, Drive, nees, pooled, run
 
-from imu_tracker.simulation.receiver import TYPICAL_RECEIVER
+from imu_tracker.simulation.receiver.receiver import TYPICAL_RECEIVER
 
 ROWS_PER_S: Final = 4.0
 ONE_IN_A_THOUSAND: Final = -NormalDist().inv_cdf(0.001)

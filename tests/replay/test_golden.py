@@ -14,11 +14,11 @@ from typing import Final, TypeAlias
 import pytest
 
 from imu_tracker.config import load_config
-from imu_tracker.outputs.latlong import HEADER, format_row
-from imu_tracker.recording import RecordingWriter, read_recording
-from imu_tracker.replay import Replay
+from imu_tracker.recording.files import RecordingWriter, read_recording
+from imu_tracker.recording.replay import Replay
 from imu_tracker.samples import Frame, Source
 from imu_tracker.simulation import Simulated, simulate
+from imu_tracker.storage.latlong import HEADER, format_row
 from simulated import is_between, without
 
 HERE = Path(__file__).parent

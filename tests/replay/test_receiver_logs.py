@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import pytest
 
 from imu_tracker.samples import GpsFix
-from imu_tracker.sensors.nmea import EpochReader, LineSplitter, Positions
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader, LineSplitter, Positions
 
 BYTE_NS: Final = 86_806
 NEAR_DEG: Final = 1e-6

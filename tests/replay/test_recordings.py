@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.tracker import TrackerSettings
-from imu_tracker.outputs.latlong import format_row
 from imu_tracker.pipeline import Pipeline
-from imu_tracker.recording import read_recording
+from imu_tracker.recording.edit import Outage, hide_gps
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.scoring import Track, read_truth, score
 from imu_tracker.samples import Frame, Mode, NavState, SessionHeader, Source
-from imu_tracker.scenes import Outage, hide_gps
-from imu_tracker.scoring import Track, read_truth, score
 from imu_tracker.simulation import simulate
 from imu_tracker.simulation.simulator import START_NS
+from imu_tracker.storage.latlong import format_row
 
 FOLDER: Final = os.environ.get("IMU_TRACKER_RECORDINGS", "")
 NAMES: Final = (

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from body import DPS, SECOND_NS, G
-from imu_tracker.estimation.aiding import REVERSE_FIXES, AttitudeAiding
-from imu_tracker.estimation.attitude import AttitudeFilter
-from imu_tracker.estimation.preintegration import ImuStep, gap_step
-from imu_tracker.estimation.rotation import (
+from imu_tracker.estimation.six_state.attitude import AttitudeFilter
+from imu_tracker.estimation.six_state.attitude_aiding import (
+    REVERSE_FIXES,
+    AttitudeAiding,
+)
+from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
     from_rotation_vector,
@@ -18,7 +20,8 @@ from imu_tracker.estimation.rotation import (
     to_euler,
     wrap_pi,
 )
-from imu_tracker.estimation.standstill import Rest
+from imu_tracker.motion.preintegration import ImuStep, gap_step
+from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import Quat, Vec3
 
 STEP_S = 0.04

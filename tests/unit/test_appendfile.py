@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from imu_tracker.errors import OutputError
-from imu_tracker.outputs import appendfile
-from imu_tracker.outputs.latlong import HEADER, LatLongLog, format_row, read_log
+from imu_tracker.storage import append_file as appendfile
+from imu_tracker.storage.latlong import HEADER, LatLongLog, format_row, read_log
 from log_states import SECOND_NS, START_UTC_S, state
 from small_disk import SmallDisk
 
@@ -246,7 +246,7 @@ def test_a_second_daemon_on_the_same_log_is_refused(path: Path) -> None:
 def test_a_daemon_that_was_killed_does_not_keep_the_next_one_out(path: Path) -> None:
     script = (
         "import os, sys; from pathlib import Path;"
-        "from imu_tracker.outputs.latlong import LatLongLog;"
+        "from imu_tracker.storage.latlong import LatLongLog;"
         "log = LatLongLog(Path(sys.argv[1])); os.kill(os.getpid(), 9)"
     )
     subprocess.run([sys.executable, "-c", script, str(path)], check=False)

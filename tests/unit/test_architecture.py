@@ -14,10 +14,11 @@ ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
 
 PURE = (
-    *("samples", "errors", "estimation", "calibration", "simulation", "integrity"),
-    "pipeline",
+    *("samples", "errors", "geometry", "motion", "estimation", "calibration"),
+    *("simulation", "pipeline"),
+    *(f"sensors.gnss.{name}" for name in ("lines", "sentences", "epoch", "calendar")),
+    "sensors.gnss.epoch_reader",
 )
-PURE_NMEA = ("sensors.nmea", "sensors.nmea_")
 """The rooms without clock, file, thread, logger or bus."""
 
 FORBIDDEN = {
@@ -42,7 +43,7 @@ def is_in(name: str, rooms: tuple[str, ...]) -> bool:
 
 
 def is_pure(name: str) -> bool:
-    return is_in(name, PURE) or name == PURE_NMEA[0] or name.startswith(PURE_NMEA[1])
+    return is_in(name, PURE)
 
 
 def imports_of(path: Path) -> Iterator[str]:
@@ -74,7 +75,7 @@ def own(imported: str) -> str | None:
 
 def test_there_is_something_to_hold() -> None:
     assert len(PURE_MODULES) > 20
-    assert {"estimation.tracker", "pipeline", "sensors.nmea"} <= set(PURE_MODULES)
+    assert {"estimation.tracker", "pipeline", "sensors.gnss.lines"} <= set(PURE_MODULES)
 
 
 @pytest.mark.parametrize("name", PURE_MODULES)
@@ -115,7 +116,10 @@ def test_nobody_imports_the_command_line(name: str) -> None:
 def test_the_sensors_know_nothing_of_estimation_or_outputs(name: str) -> None:
     for imported in imports_of(MODULES[name]):
         module = own(imported) or ""
-        assert not is_in(module, ("estimation", "outputs", "pipeline", "daemon"))
+        assert not is_in(module, ("estimation", "storage", "pipeline", "daemon"))
+
+
+CLOCKS = ("estimation.tracker", "estimation.receiver.utc")
 
 
 def test_estimators_know_nothing_of_the_tracker() -> None:
@@ -123,7 +127,10 @@ def test_estimators_know_nothing_of_the_tracker() -> None:
         if not is_in(name, ("estimation",)) or name == "estimation.tracker":
             continue
         for imported in imports_of(MODULES[name]):
-            assert own(imported) not in ("estimation.tracker", "estimation.utc"), name
+            assert own(imported) not in (
+                "estimation.tracker",
+                "estimation.receiver.utc",
+            ), name
 
 
 DANGEROUS = {
@@ -171,3 +178,109 @@ def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
     )
     assert "usage" in found.stdout
     assert found.stderr.strip() == "[]"
+
+
+MAX_FILES = 11
+"""Modules in one room, its door left out: what one look takes in."""
+
+MAX_LINES = 300
+LONGER = {
+    "estimation.error_state.hypotheses.alignment",
+    "estimation.error_state.estimator",
+    "estimation.error_state.filter",
+    "estimation.six_state.estimator",
+    "estimation.tracker",
+    "recording.files",
+    "storage.append_file",
+    "storage.state_file",
+}
+"""Modules still longer than that; none may be added."""
+
+ROOMS = sorted({name.rpartition(".")[0] for name in MODULES if "." in name})
+
+
+def room_of(name: str) -> str:
+    """Return the room in which a module stands; a door stands in its own room."""
+    return name if MODULES[name].name == "__init__.py" else name.rpartition(".")[0]
+
+
+def public_of(room: str) -> set[str]:
+    """Return what the door of a room names in `__all__`."""
+    tree = ast.parse(MODULES[room].read_text(encoding="utf-8"))
+    for node in tree.body:
+        target = None
+        if isinstance(node, ast.Assign):
+            target = node.targets[0]
+        elif isinstance(node, ast.AnnAssign):
+            target = node.target
+        if isinstance(target, ast.Name) and target.id == "__all__":
+            assert isinstance(node, ast.Assign | ast.AnnAssign)
+            assert node.value, f"__all__ of {room} is empty"
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_has_a_door_that_says_what_is_in_it(room: str) -> None:
+    assert room in MODULES, f"{room} wants an __init__.py with a docstring"
+    text = ast.get_docstring(ast.parse(MODULES[room].read_text(encoding="utf-8"))) or ""
+    for word in ("In:", "Out:", "Not here:"):
+        assert word in " ".join(text.split()), f"the docstring of {room} lacks {word!r}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_is_small_enough_to_take_in(room: str) -> None:
+    files = [name for name in MODULES if name.rpartition(".")[0] == room]
+    files = [name for name in files if MODULES[name].name != "__init__.py"]
+    assert len(files) <= MAX_FILES, f"{room} has {len(files)} files: split the room"
+
+
+def test_a_file_is_short_enough_to_read_at_once() -> None:
+    long = {
+        name
+        for name, path in MODULES.items()
+        if len(path.read_text(encoding="utf-8").splitlines()) > MAX_LINES
+    }
+    assert long <= LONGER, f"{sorted(long - LONGER)}: is there a second room in it?"
+    assert long == LONGER, f"{sorted(LONGER - long)} are short now: take them out here"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_nobody_reaches_past_the_door_of_a_room(name: str) -> None:
+    for imported in imports_of(MODULES[name]):
+        module = own(imported)
+        if not module or module not in MODULES:
+            continue
+        room = room_of(module)
+        if not room or room == module or room == room_of(name):
+            continue
+        leaf = module.rpartition(".")[2]
+        assert leaf in public_of(room), (
+            f"{name} imports {module}, which is not in __all__ of {room}: name it there"
+            " if others may use it, or move the line into that room"
+        )
+
+
+def test_rooms_do_not_import_each_other_in_a_circle() -> None:
+    arrows: dict[str, set[str]] = {}
+    for name, path in MODULES.items():
+        here = room_of(name) or name
+        for imported in imports_of(path):
+            module = own(imported)
+            there = (room_of(module) or module) if module else here
+            if not is_in(here, (there,)) and not is_in(there, (here,)):
+                arrows.setdefault(here, set()).add(there)
+    seen: dict[str, bool] = {}
+
+    def visit(room: str, way: tuple[str, ...]) -> None:
+        if seen.get(room) is False:
+            raise AssertionError(f"a circle of imports: {' -> '.join((*way, room))}")
+        if seen.get(room):
+            return
+        seen[room] = False
+        for other in sorted(arrows.get(room, ())):
+            visit(other, (*way, room))
+        seen[room] = True
+
+    for room in sorted(arrows):
+        visit(room, ())

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from body import DPS, G
-from imu_tracker.estimation.attitude import GYRO_BIAS_VAR, AttitudeFilter
-from imu_tracker.estimation.preintegration import ImuStep, gap_step
-from imu_tracker.estimation.rotation import (
+from imu_tracker.estimation.six_state.attitude import GYRO_BIAS_VAR, AttitudeFilter
+from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
     from_rotation_vector,
@@ -17,6 +16,7 @@ from imu_tracker.estimation.rotation import (
     to_euler,
     to_rotation_vector,
 )
+from imu_tracker.motion.preintegration import ImuStep, gap_step
 from imu_tracker.samples import Quat, Vec3
 
 UP: Vec3 = (0.0, 0.0, -G)

@@ -5,17 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.error_model import NoiseLevel
-from imu_tracker.estimation.eskf import Eskf, Nominal
-from imu_tracker.estimation.gait import LEARNING_S, START_SPEED_MPS, Gait
-from imu_tracker.estimation.orientation_watch import LOST_NATS, OrientationWatch
-from imu_tracker.estimation.road import (
+from imu_tracker.estimation.error_state.constraints.pedestrian import (
+    LEARNING_S,
+    START_SPEED_MPS,
+    Gait,
+)
+from imu_tracker.estimation.error_state.constraints.road_prior import (
     LEAST_FORWARD_MPS2,
     LEAST_SLOPE_RAD,
     START_SLOPE_RAD,
     Road,
 )
-from imu_tracker.estimation.rotation import from_euler
+from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.hypotheses.divergence import (
+    LOST_NATS,
+    OrientationWatch,
+)
+from imu_tracker.estimation.error_state.states import NoiseLevel
+from imu_tracker.geometry.rotation import from_euler
 from imu_tracker.samples import Vec3
 
 NOISE = NoiseLevel(gyro_share=0.1, accel_share=0.1)

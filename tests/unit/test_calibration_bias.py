@@ -8,8 +8,8 @@ import pytest
 from imu_tracker.calibration.bias import GyroFit, fit_gyro, slope_of
 from imu_tracker.calibration.readings import windows
 from imu_tracker.calibration.still import still_stretches
-from imu_tracker.captures import capture
 from imu_tracker.errors import CalibrationError
+from imu_tracker.recording.capture import capture
 from imu_tracker.simulation import simulate
 from turned_box import X_UP, Z_UP, Box
 

@@ -5,8 +5,8 @@ import pytest
 
 from imu_tracker.calibration.faces import FACES, FaceGuide, FacesFit, Kind, fit_faces
 from imu_tracker.calibration.readings import windows
-from imu_tracker.captures import capture
 from imu_tracker.errors import CalibrationError
+from imu_tracker.recording.capture import capture
 from turned_box import (
     G_MPS2,
     SIX,

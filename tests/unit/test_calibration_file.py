@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from imu_tracker.calibration_file import (
+from imu_tracker.errors import CalibrationError, InputMissingError, OutputError
+from imu_tracker.storage.calibration_file import (
     Calibration,
     read_calibration,
     write_calibration,
 )
-from imu_tracker.errors import CalibrationError, InputMissingError, OutputError
 
 ZERO3 = [[0.0] * 3] * 3
 COS, SIN = math.cos(0.1), math.sin(0.1)

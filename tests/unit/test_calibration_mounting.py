@@ -12,7 +12,7 @@ from imu_tracker.calibration.mounting import (
     with_yaw,
 )
 from imu_tracker.errors import CalibrationError
-from imu_tracker.estimation.rotation import from_euler, matrix
+from imu_tracker.geometry.rotation import from_euler, matrix
 
 G_MPS2 = 9.81
 ROLL, PITCH, YAW = math.radians(3.0), math.radians(-4.0), math.radians(-11.0)

@@ -2,10 +2,10 @@
 
 import math
 
-from imu_tracker.estimation.carrier import Carrier
-from imu_tracker.estimation.error_model import GYRO_BIAS, NoiseLevel
-from imu_tracker.estimation.eskf import Eskf, Nominal
-from imu_tracker.estimation.rotation import IDENTITY, from_euler
+from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.states import GYRO_BIAS, NoiseLevel
+from imu_tracker.geometry.rotation import IDENTITY, from_euler
 
 SECOND_NS = 1_000_000_000
 

@@ -11,10 +11,10 @@ import math
 
 import pytest
 
-from imu_tracker.captures import capture
-from imu_tracker.reports import Report, report_of
+from imu_tracker.recording.capture import capture
+from imu_tracker.recording.sensor_report import Report, report_of
 from imu_tracker.simulation import simulate
-from imu_tracker.simulation.sensor_errors import SensorErrors
+from imu_tracker.simulation.imu.errors import SensorErrors
 
 TWO_HOURS_S = 7200.0
 

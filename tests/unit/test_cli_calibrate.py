@@ -14,13 +14,13 @@ from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.world import Feeling
 from fonts import load_fonts
-from imu_tracker import hardware
-from imu_tracker.calibration_file import Calibration, read_calibration
 from imu_tracker.cli import main
 from imu_tracker.config import load_config
-from imu_tracker.recording import RecordingWriter
+from imu_tracker.recording.files import RecordingWriter
 from imu_tracker.samples import Frame
 from imu_tracker.sensors import clock as clocks
+from imu_tracker.sources import factory as hardware
+from imu_tracker.storage.calibration_file import Calibration, read_calibration
 from turned_box import SIX, X_UP, Z_DOWN, Z_UP, Box, Vec3
 
 OUT = ["--output", "c.json"]

@@ -13,12 +13,13 @@ import pytest
 from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.world import Feeling
-from imu_tracker import hardware, mending
 from imu_tracker.cli import main
-from imu_tracker.recording import read_recording
+from imu_tracker.recording.files import read_recording
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.sensors import clock as clocks
-from imu_tracker.sensors.gps import GpsHealth, GpsState
+from imu_tracker.sensors import pi_advice as mending
+from imu_tracker.sensors.gnss.reader import GpsHealth, GpsState
+from imu_tracker.sources import factory as hardware
 
 RMC = b"$GNRMC,120001.00,A,5159.4000000,N,00422.2000000,E,0.012,,221126,,,A*61"
 GGA = b"$GNGGA,120001.00,5159.4000000,N,00422.2000000,E,1,09,1.0,5.0,M,47.0,M,,*"

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from imu_tracker import live_imu
-from imu_tracker.calibration_file import MountPart, read_calibration
 from imu_tracker.cli import main
-from imu_tracker.estimation.rotation import matrix
+from imu_tracker.geometry.rotation import matrix
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.simulation import simulate
 from imu_tracker.simulation.simulator import Simulated
+from imu_tracker.sources import polled as live_imu
+from imu_tracker.storage.calibration_file import MountPart, read_calibration
 from turned_box import Z_DOWN, Z_UP, Box
 
 OUT = ["--output", "c.json"]

@@ -11,7 +11,7 @@ import pytest
 
 from fonts import load_fonts
 from imu_tracker.cli import main
-from imu_tracker.recording import read_recording
+from imu_tracker.recording.files import read_recording
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.sensors import clock
 

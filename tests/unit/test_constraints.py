@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation import constraints
-from imu_tracker.estimation.constraints import LATERAL_SIGMA_MPS, no_side_slip
+from imu_tracker.estimation.six_state import constraints
+from imu_tracker.estimation.six_state.constraints import LATERAL_SIGMA_MPS, no_side_slip
 
 SURE = np.eye(3) * 0.01
 

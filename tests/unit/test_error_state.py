@@ -12,9 +12,20 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from imu_tracker.estimation import vehicle
-from imu_tracker.estimation.behaviour import gravity_is_down
-from imu_tracker.estimation.error_model import (
+from imu_tracker.estimation.error_state.constraints import vehicle
+from imu_tracker.estimation.error_state.constraints.schedule import gravity_is_down
+from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
+    EARLY_WIN_NATS,
+    MOST_NATS,
+    NoiseBank,
+)
+from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
+    CONVERGED_SIGMA_RAD,
+    YawBank,
+)
+from imu_tracker.estimation.error_state.states import (
     GYRO_GAIN,
     N_ERRORS,
     YAW,
@@ -22,22 +33,18 @@ from imu_tracker.estimation.error_model import (
     NoiseLevel,
     transition,
 )
-from imu_tracker.estimation.error_state import ErrorState
-from imu_tracker.estimation.eskf import Eskf, Measurement, Nominal
-from imu_tracker.estimation.gate import AGREEING_FIXES, FixOutcome
-from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.noise_bank import EARLY_WIN_NATS, MOST_NATS, NoiseBank
-from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.rotation import (
+from imu_tracker.estimation.receiver.gate import AGREEING_FIXES, FixOutcome
+from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import (
     from_euler,
     multiply,
     rotate,
     to_euler,
     to_rotation_vector,
 )
-from imu_tracker.estimation.standstill import Rest
-from imu_tracker.estimation.tracker import TrackerSettings
-from imu_tracker.estimation.yaw_bank import CONVERGED_SIGMA_RAD, YawBank
+from imu_tracker.motion.preintegration import ImuStep
+from imu_tracker.motion.standstill import Rest
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, GpsFix, Mode, NavState, Source
 from imu_tracker.simulation import Simulated, simulate

@@ -27,7 +27,7 @@ from imu_tracker.exports.merging import MAX_RUN, Point, merged, runs, spaced
 from imu_tracker.exports.nmea import nmea
 from imu_tracker.exports.page import html
 from imu_tracker.exports.thinning import Thinner
-from imu_tracker.outputs.latlong import HEADER, LogRow
+from imu_tracker.storage.latlong import HEADER, LogRow
 
 NOON_S = datetime(2026, 11, 22, 12, tzinfo=UTC).timestamp()
 NAN = math.nan

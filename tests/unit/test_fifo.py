@@ -9,9 +9,9 @@ from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.frames import number_of, numbered_frames
 from imu_tracker.errors import BusError
-from imu_tracker.sensors.fifo import Drain, DrainOutcome, Fifo
-from imu_tracker.sensors.mpu6050 import Mpu6050
-from imu_tracker.sensors.setup import ImuSettings
+from imu_tracker.sensors.imu.fifo import Drain, DrainOutcome, Fifo
+from imu_tracker.sensors.imu.mpu6050 import Mpu6050
+from imu_tracker.sensors.imu.setup import ImuSettings
 
 
 class Bench:

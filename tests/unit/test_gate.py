@@ -4,13 +4,13 @@ import math
 
 import pytest
 
-from imu_tracker.estimation.gate import (
+from imu_tracker.estimation.receiver.gate import (
     AGREEING_FIXES,
     AGREEING_S,
     NIS_LIMIT,
     Gate,
 )
-from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import GpsFix
 
 HERE = LocalFrame.at(0.9, 0.1)

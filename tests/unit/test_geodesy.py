@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.geodesy import LocalFrame, gravity_mps2, radii_m
+from imu_tracker.geometry.geodesy import LocalFrame, gravity_mps2, radii_m
 
 EQUATOR, POLE = 0.0, 0.5 * math.pi
 FLATTENING = 1.0 / 298.257223563

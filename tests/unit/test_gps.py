@@ -10,9 +10,9 @@ from fake_clock import FakeClock
 from fake_receiver import FakeReceiver, S
 from imu_tracker.errors import ConfigError
 from imu_tracker.samples import Frame, Source
-from imu_tracker.sensors.gps import DEAD_NS, Baud, GpsReader, GpsState
-from imu_tracker.sensors.gps_baud import BAUDS
-from imu_tracker.sensors.gps_port import SerialPort
+from imu_tracker.sensors.gnss.baud import BAUDS
+from imu_tracker.sensors.gnss.port import SerialPort
+from imu_tracker.sensors.gnss.reader import DEAD_NS, Baud, GpsReader, GpsState
 from nmea_text import gga, rmc
 
 MS = 1_000_000

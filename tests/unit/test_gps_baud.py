@@ -2,7 +2,7 @@
 
 from itertools import groupby
 
-from imu_tracker.sensors.gps_baud import BAUDS, BaudSearch
+from imu_tracker.sensors.gnss.baud import BAUDS, BaudSearch
 
 S = 1_000_000_000
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from imu_tracker.sensors.gps_port import FAULTS, ArrivalTimes, SerialPort, TimedLines
+from imu_tracker.sensors.gnss.port import FAULTS, ArrivalTimes, SerialPort, TimedLines
 from nmea_text import gga
 
 MS = 1_000_000

@@ -10,7 +10,7 @@ import pytest
 import smbus2
 
 from imu_tracker.errors import BusError, DeviceNotFoundError
-from imu_tracker.sensors import i2c
+from imu_tracker.sensors.imu import i2c
 
 
 class FailingSMBus:

@@ -13,8 +13,8 @@ from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.frames import number_of, numbered_frames
 from fake_i2c.world import Feeling
 from imu_tracker.samples import Frame, Source
-from imu_tracker.sensors.imu import COUNTERS, ImuReader
-from imu_tracker.sensors.setup import ImuSettings
+from imu_tracker.sensors.imu.reader import COUNTERS, ImuReader
+from imu_tracker.sensors.imu.setup import ImuSettings
 
 S = 1_000_000_000
 

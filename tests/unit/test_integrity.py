@@ -7,9 +7,9 @@ from struct import pack
 import numpy as np
 import pytest
 
-from imu_tracker.integrity.axes import StuckAxes
-from imu_tracker.integrity.backlog import Backlog
-from imu_tracker.integrity.drag import DRAWN_M, DragWatch
+from imu_tracker.estimation.receiver.backlog import Backlog
+from imu_tracker.estimation.receiver.spoofing import DRAWN_M, DragWatch
+from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import GpsFix, ImuSample, UtcTime
 
 S = 1_000_000_000

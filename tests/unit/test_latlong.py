@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.errors import InputMissingError, LogError
-from imu_tracker.outputs.latlong import HEADER, LatLongLog, format_row, read_log
 from imu_tracker.samples import Mode, NavState
+from imu_tracker.storage.latlong import HEADER, LatLongLog, format_row, read_log
 from log_states import START_UTC_S, state
 
 ROW = "2026-11-22T12:00:01.250Z,51.99000012,4.37000034,5.2,1.38,40.1,3.94,gps"

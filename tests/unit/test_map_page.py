@@ -12,7 +12,7 @@ import pytest
 from browser import CHROMIUM, Browser, browsing
 from imu_tracker.exports.merging import Point
 from imu_tracker.exports.page import html
-from imu_tracker.outputs.latlong import LogRow
+from imu_tracker.storage.latlong import LogRow
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.memory import Learnt, Since, grown
+from imu_tracker.estimation.error_state.warm_start import Learnt, Since, grown
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader, Source

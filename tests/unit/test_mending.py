@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from imu_tracker import mending
+from imu_tracker.sensors import pi_advice as mending
 
 I2C_ON = "sudo raspi-config nonint do_i2c 0"
 UART_ON = "sudo raspi-config nonint do_serial_hw 0"

@@ -8,8 +8,8 @@ import pytest
 from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from imu_tracker.errors import BusError, ConfigError, DeviceNotFoundError
-from imu_tracker.sensors.mpu6050 import Mpu6050
-from imu_tracker.sensors.setup import ImuSettings
+from imu_tracker.sensors.imu.mpu6050 import Mpu6050
+from imu_tracker.sensors.imu.setup import ImuSettings
 
 
 class Bench:

@@ -6,8 +6,8 @@ from math import degrees, radians
 import pytest
 
 from imu_tracker.samples import GpsFix, UtcTime
-from imu_tracker.sensors.nmea import TOLD_AFTER, EpochReader, Positions
-from imu_tracker.sensors.nmea_sentences import MPS_PER_KNOT
+from imu_tracker.sensors.gnss.epoch_reader import TOLD_AFTER, EpochReader, Positions
+from imu_tracker.sensors.gnss.sentences import MPS_PER_KNOT
 from nmea_text import gga, gll, rmc, sentence
 
 S = 1_000_000_000

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from imu_tracker.sensors.nmea_dates import DAY_S, ROLLOVER_S, Calendar
+from imu_tracker.sensors.gnss.calendar import DAY_S, ROLLOVER_S, Calendar
 
 S = 1_000_000_000
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC).timestamp()

@@ -3,7 +3,7 @@
 import pytest
 
 from imu_tracker.errors import NmeaError
-from imu_tracker.sensors.nmea_lines import MAX_LINE, LineSplitter, checked_text
+from imu_tracker.sensors.gnss.lines import MAX_LINE, LineSplitter, checked_text
 from nmea_text import sentence
 
 ONE, TWO = sentence("GPRMC,1"), sentence("GPGGA,22")

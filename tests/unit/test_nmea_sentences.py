@@ -6,7 +6,7 @@ from math import degrees
 import pytest
 
 from imu_tracker.errors import NmeaError
-from imu_tracker.sensors.nmea_sentences import MPS_PER_KNOT, Report, read_sentence
+from imu_tracker.sensors.gnss.sentences import MPS_PER_KNOT, Report, read_sentence
 from nmea_text import gga, gll, rmc, sentence
 
 

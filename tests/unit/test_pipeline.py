@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.tracker import TrackerSettings
-from imu_tracker.outputs.latlong import format_row
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, Mode, NavState, SessionHeader, Source
 from imu_tracker.simulation import simulate
-from imu_tracker.simulation.receiver import IDEAL_RECEIVER, TYPICAL_RECEIVER
+from imu_tracker.simulation.receiver.receiver import IDEAL_RECEIVER, TYPICAL_RECEIVER
 from imu_tracker.simulation.simulator import START_NS, START_UTC_S
+from imu_tracker.storage.latlong import format_row
 from simulated import compare, run, without
 
 SECOND_NS = 1_000_000_000

@@ -16,7 +16,7 @@ from imu_tracker.plots.logs import joined
 from imu_tracker.plots.recording import RecordingColumns, plot_recording
 from imu_tracker.plots.timelines import shade_modes
 from imu_tracker.plots.tracks import LogColumns, plot_tracks
-from imu_tracker.scoring import Track
+from imu_tracker.recording.scoring import Track
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

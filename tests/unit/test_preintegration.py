@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from imu_tracker.estimation.preintegration import (
+from imu_tracker.motion.preintegration import (
     FROZEN_SAMPLES,
     GAP_NS,
     STEP_NS,

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import pytest
 
-from imu_tracker.estimation.pace import Pace
-from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.profile import ProfileJudge
+from imu_tracker.motion.preintegration import ImuStep
+from imu_tracker.motion.profile import ProfileJudge
+from imu_tracker.motion.step_detector import Pace
 
 DT_S = 0.04
 ZERO = (0.0, 0.0, 0.0)

@@ -8,8 +8,7 @@ from typing import TypeAlias
 import pytest
 
 from imu_tracker.errors import InputMissingError, OutputError, RecordingError
-from imu_tracker.outputs.appendfile import Limits
-from imu_tracker.recording import (
+from imu_tracker.recording.files import (
     LiveRecordingWriter,
     RecordingWriter,
     layout_of,
@@ -17,6 +16,7 @@ from imu_tracker.recording import (
     tee,
 )
 from imu_tracker.samples import Frame, SessionHeader, Source
+from imu_tracker.storage.append_file import Limits
 from nmea_text import sentence
 from small_disk import SmallDisk
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from imu_tracker.estimation.rotation import (
+from imu_tracker.geometry.rotation import (
     IDENTITY,
     conjugate,
     from_euler,

@@ -7,8 +7,8 @@ from math import ceil, floor
 import numpy as np
 import pytest
 
-from imu_tracker.sensors.imu_sources import drain_period_ns
-from imu_tracker.sensors.sample_clock import SampleClock
+from imu_tracker.sensors.imu.sample_clock import SampleClock
+from imu_tracker.sensors.imu.sources import drain_period_ns
 
 MS = 1_000_000
 

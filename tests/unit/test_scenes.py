@@ -5,14 +5,14 @@ from typing import TypeAlias
 import pytest
 
 from fake_clock import FakeClock
-from imu_tracker.samples import Frame, SessionHeader, Source
-from imu_tracker.scenes import (
+from imu_tracker.recording.edit import (
     Outage,
     Stopwatch,
     hide_gps,
     keep_every_nth_epoch,
     pace,
 )
+from imu_tracker.samples import Frame, SessionHeader, Source
 
 Items: TypeAlias = list[SessionHeader | Frame]
 

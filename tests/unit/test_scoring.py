@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.errors import InputMissingError, RecordingError
-from imu_tracker.scenes import Outage
-from imu_tracker.scoring import (
+from imu_tracker.recording.edit import Outage
+from imu_tracker.recording.scoring import (
     Array,
     Track,
     answer,

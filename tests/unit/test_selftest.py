@@ -5,8 +5,8 @@ import pytest
 from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from imu_tracker.errors import BusError
-from imu_tracker.sensors.mpu6050 import Mpu6050
-from imu_tracker.sensors.selftest import AXES, Verdict, factory_response, self_test
+from imu_tracker.sensors.imu.mpu6050 import Mpu6050
+from imu_tracker.sensors.imu.selftest import AXES, Verdict, factory_response, self_test
 
 
 class Bench:

@@ -7,9 +7,9 @@ import pytest
 
 from imu_tracker.calibration.counts import CountsModel
 from imu_tracker.samples import DEFAULT_MOUNT, GpsFix, Source
-from imu_tracker.sensors.nmea import EpochReader
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 from imu_tracker.simulation import SCENARIOS, simulate
-from imu_tracker.simulation.figures import (
+from imu_tracker.simulation.motion.figures import (
     POINTS,
     ROUND_S,
     RUN_UP_S,
@@ -18,7 +18,7 @@ from imu_tracker.simulation.figures import (
     lissajous,
     side_by_side,
 )
-from imu_tracker.simulation.paths import FloatArray
+from imu_tracker.simulation.motion.paths import FloatArray
 from imu_tracker.simulation.scenarios import START_STILL_S
 
 FIGURES = ("square", "circle", "lissajous")

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.geodesy import gravity_mps2
-from imu_tracker.estimation.preintegration import Preintegrator
-from imu_tracker.estimation.rotation import (
+from imu_tracker.geometry.geodesy import gravity_mps2
+from imu_tracker.geometry.rotation import (
     from_euler,
     from_rotation_vector,
     matrix,
@@ -16,25 +15,26 @@ from imu_tracker.estimation.rotation import (
     rotate,
     to_euler,
 )
+from imu_tracker.motion.preintegration import Preintegrator
 from imu_tracker.samples import ImuSample, Vec3
 from imu_tracker.simulation import SCENARIOS
-from imu_tracker.simulation.ideal_imu import (
-    angular_rate,
-    attitude_matrix,
-    specific_force,
-)
-from imu_tracker.simulation.imu import Imu
-from imu_tracker.simulation.motion import Ride, Trajectory
-from imu_tracker.simulation.noise import GaussMarkov, Rumble
-from imu_tracker.simulation.paths import FloatArray, Path
-from imu_tracker.simulation.scenarios import DELFT
-from imu_tracker.simulation.sensor_errors import (
+from imu_tracker.simulation.imu.chip import Imu
+from imu_tracker.simulation.imu.errors import (
     IDEAL_CHIP,
     TYPICAL_CHIP,
     ChipErrors,
     ChipTraits,
     SensorErrors,
 )
+from imu_tracker.simulation.imu.ideal import (
+    angular_rate,
+    attitude_matrix,
+    specific_force,
+)
+from imu_tracker.simulation.imu.noise import GaussMarkov, Rumble
+from imu_tracker.simulation.motion.paths import FloatArray, Path
+from imu_tracker.simulation.motion.trajectory import Ride, Trajectory
+from imu_tracker.simulation.scenarios import DELFT
 
 GRAVITY = gravity_mps2(DELFT.lat_rad, DELFT.alt_m)
 DPS = math.radians(1.0)

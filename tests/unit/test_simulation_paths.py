@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.geodesy import radii_m
+from imu_tracker.geometry.geodesy import radii_m
 from imu_tracker.simulation import SCENARIOS
-from imu_tracker.simulation.motion import Hills, Motion, Ride
-from imu_tracker.simulation.paths import (
+from imu_tracker.simulation.motion.paths import (
     FloatArray,
     Leg,
     Path,
@@ -18,7 +17,8 @@ from imu_tracker.simulation.paths import (
     stand,
     turn,
 )
-from imu_tracker.simulation.positions import Place, Whereabouts, whereabouts
+from imu_tracker.simulation.motion.positions import Place, Whereabouts, whereabouts
+from imu_tracker.simulation.motion.trajectory import Hills, Motion, Ride
 from imu_tracker.simulation.scenarios import DELFT, line_walk, roundabout, square_walk
 
 CLOSURE_M = 5e-3

@@ -6,20 +6,19 @@ from itertools import islice, pairwise
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.geodesy import LocalFrame
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.simulation import SCENARIOS
-from imu_tracker.simulation.motion import Ride
-from imu_tracker.simulation.paths import FloatArray, Path
-from imu_tracker.simulation.positions import Whereabouts, whereabouts
-from imu_tracker.simulation.receiver import (
+from imu_tracker.simulation.motion.paths import FloatArray, Path
+from imu_tracker.simulation.motion.positions import Whereabouts, whereabouts
+from imu_tracker.simulation.motion.trajectory import Ride
+from imu_tracker.simulation.receiver.receiver import (
     IDEAL_RECEIVER,
     TYPICAL_RECEIVER,
     Line,
     Receiver,
     ReceiverErrors,
 )
-from imu_tracker.simulation.scenarios import DELFT
-from imu_tracker.simulation.sentences import (
+from imu_tracker.simulation.receiver.sentences import (
     Report,
     Resolution,
     Solution,
@@ -27,6 +26,7 @@ from imu_tracker.simulation.sentences import (
     gst,
     rmc,
 )
+from imu_tracker.simulation.scenarios import DELFT
 
 START_UTC_S = 1795348800.0
 STILL = Ride(Path(()))

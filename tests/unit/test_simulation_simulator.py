@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.rotation import conjugate, rotate, to_euler
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import conjugate, rotate, to_euler
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, Source
 from imu_tracker.simulation import SCENARIOS, simulate
-from imu_tracker.simulation.receiver import IDEAL_RECEIVER
-from imu_tracker.simulation.sensor_errors import IDEAL_CHIP, TYPICAL_CHIP
+from imu_tracker.simulation.imu.errors import IDEAL_CHIP, TYPICAL_CHIP
+from imu_tracker.simulation.receiver.receiver import IDEAL_RECEIVER
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

@@ -8,13 +8,13 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from body import DPS, G
-from imu_tracker.estimation.estimator import R95_PER_SIGMA, r95_of
-from imu_tracker.estimation.gate import AGREEING_FIXES, FixOutcome
-from imu_tracker.estimation.geodesy import FRAME_RADIUS_M, LocalFrame
-from imu_tracker.estimation.preintegration import ImuStep, gap_step
-from imu_tracker.estimation.rotation import conjugate, from_euler, rotate
-from imu_tracker.estimation.six_state import SixState
-from imu_tracker.estimation.standstill import Rest
+from imu_tracker.estimation.estimate import R95_PER_SIGMA, r95_of
+from imu_tracker.estimation.receiver.gate import AGREEING_FIXES, FixOutcome
+from imu_tracker.estimation.six_state.estimator import SixState
+from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame
+from imu_tracker.geometry.rotation import conjugate, from_euler, rotate
+from imu_tracker.motion.preintegration import ImuStep, gap_step
+from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, Vec3
 
 STEP_S = 0.04

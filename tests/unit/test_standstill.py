@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from body import DPS, SECOND_NS, Body, G, steps_of
-from imu_tracker.estimation.preintegration import ImuStep, Preintegrator, gap_step
-from imu_tracker.estimation.standstill import Rest, StandstillDetector
-from imu_tracker.estimation.vibration import (
+from imu_tracker.motion.preintegration import ImuStep, Preintegrator, gap_step
+from imu_tracker.motion.standstill import Rest, StandstillDetector
+from imu_tracker.motion.vibration import (
     CEILING_FACTOR,
     FLOOR_FACTOR,
     START_GYRO_STD_RADPS,

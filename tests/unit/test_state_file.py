@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from imu_tracker.errors import OutputError, StateError
-from imu_tracker.estimation.memory import Learnt, Place
-from imu_tracker.state_file import Sensor, StateFile, read_state, write_state
+from imu_tracker.estimation.error_state.warm_start import Learnt, Place
+from imu_tracker.storage.state_file import Sensor, StateFile, read_state, write_state
 
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")
 LEARNT = Learnt(
@@ -116,9 +116,9 @@ def test_a_disk_that_fails_leaves_the_old_state_whole(
         raise OSError(28, "No space left on device")
 
     if call == "fsync":
-        monkeypatch.setattr("imu_tracker.outputs.atomic.os.fsync", full)
+        monkeypatch.setattr("imu_tracker.storage.atomic.os.fsync", full)
     elif call == "open":
-        monkeypatch.setattr("imu_tracker.outputs.atomic.os.open", full)
+        monkeypatch.setattr("imu_tracker.storage.atomic.os.open", full)
     else:
         monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OutputError, match="No space left"):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from body import DPS, SECOND_NS, Body
-from imu_tracker.estimation.gate import FixOutcome
-from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.navigator import HISTORY_NS
+from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.rewind import HISTORY_NS
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import (
     GpsFix,
     ImuSample,

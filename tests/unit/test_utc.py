@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.utc import SETTLE_NS, SLEW, STALE_NS, UtcClock
+from imu_tracker.estimation.receiver.utc import SETTLE_NS, SLEW, STALE_NS, UtcClock
 
 SECOND = 1_000_000_000
 MS = 1_000_000

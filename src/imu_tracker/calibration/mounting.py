@@ -12,7 +12,7 @@ import numpy as np
 
 from imu_tracker.calibration.readings import Array
 from imu_tracker.errors import CalibrationError
-from imu_tracker.estimation.rotation import level_from_gravity, matrix
+from imu_tracker.geometry.rotation import level_from_gravity, matrix
 
 MAX_LEAN_RAD: Final = math.radians(30.0)
 """More is another choice of axes, which is `imu.mount`'s to make."""

@@ -1,5 +1,17 @@
-"""The commands: one file each, `add_x` for its arguments and `run_x` for its work.
+"""One file a command: its arguments, and a call of the room that does the work.
 
-The modules import nothing heavy at their top, so that `imu-tracker --help` is quick;
-what a command needs it imports when it runs.
+In: parsed arguments. Out: an exit code. Heavy imports stand inside the functions. Not
+here: anything that another room could need.
 """
+
+__all__ = [
+    "check",
+    "common",
+    "export",
+    "plot",
+    "record",
+    "replay",
+    "run",
+    "simulate",
+    "status",
+]

@@ -37,7 +37,7 @@ def run_check(args: argparse.Namespace) -> int:
     """Print a table of what was found."""
     config = config_of(args)
 
-    from imu_tracker.checks import check_outputs, check_sensors
+    from imu_tracker.check.sensors import check_outputs, check_sensors
     from imu_tracker.sensors.clock import MonotonicClock
 
     _print("ok", "configuration", str(args.config or "the defaults"))

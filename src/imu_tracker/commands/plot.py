@@ -77,7 +77,7 @@ def run_plot(args: argparse.Namespace) -> int:
         plot_recording(_recording(args.files[0]), args.output)
     else:
         from imu_tracker.plots.tracks import plot_tracks
-        from imu_tracker.scoring import read_truth
+        from imu_tracker.recording.scoring import read_truth
 
         truth = None if args.truth is None else read_truth(args.truth)
         plot_tracks([_log(path) for path in args.files], args.output, truth)
@@ -108,9 +108,9 @@ def _label(path: Path) -> str:
 
 
 def _log(path: Path) -> "LogColumns":
-    from imu_tracker.outputs.latlong import read_log
     from imu_tracker.plots.tracks import LogColumns
-    from imu_tracker.scoring import Track
+    from imu_tracker.recording.scoring import Track
+    from imu_tracker.storage.latlong import read_log
 
     columns = read_log(path)
     if not len(columns.utc_s):
@@ -127,10 +127,10 @@ def _recording(path: Path) -> "RecordingColumns":
 
     from imu_tracker.calibration.counts import CountsModel
     from imu_tracker.plots.recording import RecordingColumns
-    from imu_tracker.recording import read_recording
+    from imu_tracker.recording.edit import Stopwatch
+    from imu_tracker.recording.files import read_recording
     from imu_tracker.samples import GpsFix, SessionHeader, Source
-    from imu_tracker.scenes import Stopwatch
-    from imu_tracker.sensors.nmea import EpochReader
+    from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 
     stopwatch = Stopwatch()
     epochs = EpochReader()

@@ -23,11 +23,11 @@ from imu_tracker.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from imu_tracker.config import Config
-    from imu_tracker.recording import RecordingWriter
+    from imu_tracker.recording.files import RecordingWriter
     from imu_tracker.samples import Frame
     from imu_tracker.sensors.clock import Clock
-    from imu_tracker.sensors.gps import GpsReader
-    from imu_tracker.sensors.imu import ImuReader
+    from imu_tracker.sensors.gnss.reader import GpsReader
+    from imu_tracker.sensors.imu.reader import ImuReader
 
 log = logging.getLogger(__name__)
 
@@ -79,9 +79,9 @@ def run_record(args: argparse.Namespace) -> int:
     if args.output.exists():
         raise OutputError(f"{args.output}: exists; a recording is a new file")
 
-    from imu_tracker import hardware
-    from imu_tracker.recording import RecordingWriter
+    from imu_tracker.recording.files import RecordingWriter
     from imu_tracker.sensors.clock import MonotonicClock
+    from imu_tracker.sources import factory as hardware
 
     clock = MonotonicClock()
     with contextlib.closing(hardware.open_imu_bus(config)) as bus:
@@ -103,7 +103,7 @@ def _record(
     stop: Event,
     end_ns: int,
 ) -> Counter[str]:
-    from imu_tracker import hardware
+    from imu_tracker.sources import factory as hardware
 
     frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
     counts: Counter[str] = Counter()

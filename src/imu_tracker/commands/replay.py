@@ -29,8 +29,8 @@ from imu_tracker.commands.common import (
 if TYPE_CHECKING:
     from imu_tracker.calibration.corrected import Corrections
     from imu_tracker.config import Config
+    from imu_tracker.recording.edit import Outage
     from imu_tracker.samples import Frame, NavState, SessionHeader
-    from imu_tracker.scenes import Outage
 
 log = logging.getLogger(__name__)
 
@@ -124,10 +124,10 @@ def _outage(text: str) -> tuple[float, float]:
 
 def run_replay(args: argparse.Namespace) -> int:
     """Replay, write the log, print the score."""
-    from imu_tracker.replay import Replay
-    from imu_tracker.scenes import Outage
-    from imu_tracker.scoring import describe, read_truth
-    from imu_tracker.state_file import StateFile
+    from imu_tracker.recording.edit import Outage
+    from imu_tracker.recording.replay import Replay
+    from imu_tracker.recording.scoring import describe, read_truth
+    from imu_tracker.storage.state_file import StateFile
 
     config = config_of(args)
     output = args.output
@@ -170,7 +170,7 @@ def _corrections(args: argparse.Namespace, config: "Config") -> "Corrections | N
     )
     if not is_named or config.imu.calibration is None:
         return None
-    from imu_tracker.calibration_file import read_calibration
+    from imu_tracker.storage.calibration_file import read_calibration
 
     return read_calibration(config.imu.calibration).corrections()
 
@@ -179,8 +179,8 @@ def _scene(
     args: argparse.Namespace, outages: "Sequence[Outage]"
 ) -> "Iterator[SessionHeader | Frame]":
     """Read the recording as it were with less GPS, at the speed asked for."""
-    from imu_tracker.recording import read_recording
-    from imu_tracker.scenes import hide_gps, keep_every_nth_epoch, pace
+    from imu_tracker.recording.edit import hide_gps, keep_every_nth_epoch, pace
+    from imu_tracker.recording.files import read_recording
 
     stream = read_recording(args.recording)
     if args.gps_every > 1:
@@ -195,7 +195,7 @@ def _scene(
 
 
 def _write_log(output: Path, rows: "Iterator[NavState]", *, is_live: bool) -> None:
-    from imu_tracker.outputs.latlong import HEADER, format_row
+    from imu_tracker.storage.latlong import HEADER, format_row
 
     # Before the file is opened: a recording that cannot be read leaves no empty log.
     first = next(rows, None)

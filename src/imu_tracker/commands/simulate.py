@@ -111,7 +111,7 @@ def run_simulate(args: argparse.Namespace) -> int:
             f"{MOST_GPS_EVERY_S:g} at most"
         )
 
-    from imu_tracker.recording import RecordingWriter
+    from imu_tracker.recording.files import RecordingWriter
     from imu_tracker.simulation import SCENARIOS, simulate
 
     if args.scenario not in SCENARIOS:

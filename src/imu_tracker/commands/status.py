@@ -11,7 +11,6 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
 
-from imu_tracker import mending
 from imu_tracker.commands.common import (
     Subparsers,
     add_command,
@@ -20,6 +19,7 @@ from imu_tracker.commands.common import (
     write,
 )
 from imu_tracker.errors import NotRunningError
+from imu_tracker.sensors import pi_advice as mending
 
 STALE_S: Final = 5.0
 """The daemon writes each second; after this long it hangs, or is gone."""

@@ -1,8 +1,7 @@
-"""The daemon: `run` puts the parts together and ends only when it is told to.
+"""The daemon: the loop, supervision, status and kept state.
 
-Sensors that are missing, die or come back never end it, and nothing that it can log
-is lost when it ends. Retrying lives in the sensor threads, estimating in `pipeline`,
-surviving the disk in `outputs.appendfile`; here they only meet.
+In: a configuration. Out: rows in the log, the status file, an exit code. Not here:
+estimation (`pipeline`), reading sensors (`sources/`).
 """
 
 import logging
@@ -16,8 +15,8 @@ from imu_tracker.sensors.clock import Clock, MonotonicClock
 if TYPE_CHECKING:
     from imu_tracker.calibration.corrected import Corrections
     from imu_tracker.config import Config
-    from imu_tracker.daemon.feeds import Feed
-    from imu_tracker.daemon.live import GpsFactory, ImuFactory
+    from imu_tracker.sources.feed import Feed
+    from imu_tracker.sources.live import GpsFactory, ImuFactory
 
 log = logging.getLogger(__name__)
 
@@ -56,9 +55,9 @@ def run(
     with signals or Signals() as told, ExitStack() as outputs:
         # From here on SIGTERM ends it with 0; these take a second or two on a Pi.
         from imu_tracker.daemon.loop import Loop
-        from imu_tracker.outputs.appendfile import Limits
-        from imu_tracker.outputs.latlong import LatLongLog
-        from imu_tracker.recording import LiveRecordingWriter
+        from imu_tracker.recording.files import LiveRecordingWriter
+        from imu_tracker.storage.append_file import Limits
+        from imu_tracker.storage.latlong import LatLongLog
 
         told.defer()
         limits = Limits(config.log.sync_s, config.log.max_mb, config.log.min_free_mb)
@@ -86,8 +85,8 @@ def _corrections(config: "Config") -> "Corrections | None":
 
     A played stream is another chip's: it gets a calibration only when one is named.
     """
-    from imu_tracker.calibration_file import read_calibration
     from imu_tracker.config.tables import CALIBRATION
+    from imu_tracker.storage.calibration_file import read_calibration
 
     path = config.imu.calibration
     is_usual = path == CALIBRATION
@@ -113,8 +112,8 @@ def _open_feed(
     gps_reader: "GpsFactory | None",
 ) -> "Feed":
     """Return what the configuration asks for; the threads of sensors begin at once."""
-    from imu_tracker import hardware
-    from imu_tracker.daemon import live, played
+    from imu_tracker.sources import factory as hardware
+    from imu_tracker.sources import live, played
 
     if config.source.kind == "hardware":
         return live.HardwareFeed(

@@ -14,17 +14,17 @@ from typing import Any, Final
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.faults import faults_of
-from imu_tracker.daemon.feeds import Feed
 from imu_tracker.daemon.state import KeptState
 from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
-from imu_tracker.outputs.latlong import LatLongLog
 from imu_tracker.pipeline import Pipeline
-from imu_tracker.recording import LiveRecordingWriter
+from imu_tracker.recording.files import LiveRecordingWriter
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock, Pacer
-from imu_tracker.state_file import sensor_of
+from imu_tracker.sources.feed import Feed
+from imu_tracker.storage.latlong import LatLongLog
+from imu_tracker.storage.state_file import sensor_of
 
 TURN_NS: Final = 20 * MILLISECOND_NS
 """Without an IMU rows come 0.4 s after their instant, `ARRIVAL_NS`, and a turn."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Final
 
 from imu_tracker.errors import OutputError, StateError
-from imu_tracker.estimation.memory import Learnt
+from imu_tracker.estimation.error_state.warm_start import Learnt
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.sensors.clock import SECOND_NS
-from imu_tracker.state_file import Sensor, StateFile
+from imu_tracker.storage.state_file import Sensor, StateFile
 
 SAVE_NS: Final = 300 * SECOND_NS
 """A power cut costs what was learnt in so long: a bias wanders by 0.03 deg/s. Two

@@ -36,9 +36,9 @@ from typing import Any, Final
 
 from imu_tracker.config.tables import StatusConfig
 from imu_tracker.daemon.prometheus import exposition
-from imu_tracker.outputs.appendfile import make_directories
-from imu_tracker.outputs.latlong import HEADER, format_row
 from imu_tracker.samples import NavState
+from imu_tracker.storage.append_file import make_directories
+from imu_tracker.storage.latlong import HEADER, format_row
 
 VERSION: Final = 1
 

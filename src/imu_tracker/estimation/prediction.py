@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from imu_tracker.estimation.estimator import R95_PER_SIGMA, Estimate
-from imu_tracker.estimation.geodesy import LocalFrame
-from imu_tracker.estimation.preintegration import ImuStep
-from imu_tracker.estimation.rotation import rotate
+from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import rotate
+from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.samples import Vec3
 
 TURN_S: Final = 3.0

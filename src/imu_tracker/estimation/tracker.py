@@ -11,21 +11,21 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from imu_tracker.estimation.error_state import ErrorState
-from imu_tracker.estimation.estimator import R95_PER_SIGMA
-from imu_tracker.estimation.gate import FixOutcome
-from imu_tracker.estimation.memory import Learnt, Since
-from imu_tracker.estimation.navigator import (
+from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.warm_start import Learnt, Since
+from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.prediction import Prediction, Turning, predict
+from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.receiver.utc import UtcClock
+from imu_tracker.estimation.rewind import (
     COAST_NS,
     USED_OUTCOMES,
     Navigator,
     Rewinding,
 )
-from imu_tracker.estimation.prediction import Prediction, Turning, predict
-from imu_tracker.estimation.preintegration import ImuStep, Preintegrator
-from imu_tracker.estimation.six_state import SixState
-from imu_tracker.estimation.standstill import Rest, StandstillDetector
-from imu_tracker.estimation.utc import UtcClock
+from imu_tracker.estimation.six_state.estimator import SixState
+from imu_tracker.motion.preintegration import ImuStep, Preintegrator
+from imu_tracker.motion.standstill import Rest, StandstillDetector
 from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
 
 COAST_AFTER_NS: Final = 400_000_000

@@ -1,5 +1,6 @@
-"""Exports: lat/long logs in the formats of other programs, and as a map.
+"""The log for other programs: GPX, KML, GeoJSON, NMEA, and a map page.
 
-`merging` makes one stream of points out of any number of logs; each format turns that
-stream into text as it comes, so that a year of rows needs no more memory than an hour.
+In: rows of the log. Out: text of a file. Not here: reading the log (`storage/`).
 """
+
+__all__ = ["geojson", "gpx", "kml", "merging", "nmea", "page", "palette"]

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from imu_tracker.exports.merging import Point, Run, runs
-from imu_tracker.outputs.latlong import LogRow, format_utc
+from imu_tracker.storage.latlong import LogRow, format_utc
 
 
 def geojson(points: Iterable[Point]) -> Iterator[str]:

@@ -21,7 +21,7 @@ from gpxpy.gpx import GPX, GPXTrackPoint
 from gpxpy.gpxfield import gpx_fields_to_xml
 
 from imu_tracker.exports.merging import Point
-from imu_tracker.outputs.latlong import LogRow
+from imu_tracker.storage.latlong import LogRow
 
 OWN: Final = "urn:imu-tracker:latlong:1"
 GARMIN: Final = "http://www.garmin.com/xmlschemas/TrackPointExtension/v2"

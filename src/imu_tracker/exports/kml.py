@@ -13,8 +13,8 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from imu_tracker.exports.merging import Point, Run, runs
-from imu_tracker.outputs.latlong import LogRow, format_utc
-from imu_tracker.palette import MODES
+from imu_tracker.exports.palette import MODES
+from imu_tracker.storage.latlong import LogRow, format_utc
 
 _COLUMNS: Final = (
     ("alt_m", "float", "height above the sea, m"),

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from imu_tracker.outputs.latlong import MAX_GAP_S, LogRow, read_rows
 from imu_tracker.samples import Mode
+from imu_tracker.storage.latlong import MAX_GAP_S, LogRow, read_rows
 
 MAX_RUN: Final = 10_000
 """Rows of a run at most: what the formats that want columns hold in memory."""

@@ -17,8 +17,8 @@ import pynmea2
 
 from imu_tracker.errors import UsageError
 from imu_tracker.exports.merging import Point
-from imu_tracker.outputs.latlong import LogRow, format_utc
 from imu_tracker.samples import Mode
+from imu_tracker.storage.latlong import LogRow, format_utc
 
 SIGMAS_IN_R95: Final = math.sqrt(-2.0 * math.log(0.05))
 """Of a circular normal error: 95 % lie within 2.45 standard deviations of an axis."""

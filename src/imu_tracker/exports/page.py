@@ -13,9 +13,9 @@ from itertools import groupby
 from typing import Any, Final
 
 from imu_tracker.exports.merging import Point
+from imu_tracker.exports.palette import MODES
 from imu_tracker.exports.thinning import Thinner
-from imu_tracker.outputs.latlong import LogRow
-from imu_tracker.palette import MODES
+from imu_tracker.storage.latlong import LogRow
 
 MAX_POINTS: Final = 50_000
 """Three and a half hours at four rows a second; a telephone still draws it smoothly."""

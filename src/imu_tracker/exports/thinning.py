@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from imu_tracker.exports.merging import Point
-from imu_tracker.outputs.latlong import LogRow
+from imu_tracker.storage.latlong import LogRow
 
 FIRST_STEP_M: Final = 0.5
 NOTABLE_GROWTH: Final = 1.2  # of r95

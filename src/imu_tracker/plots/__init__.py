@@ -1,6 +1,6 @@
-"""Pictures, drawn by matplotlib without a display: `tracks` and `recording`.
+"""The log and recordings as pictures.
 
-Made for one look: a few thousand points a line and some sixty circles, however long
-the track. The colours are those of Okabe and Ito, which colour-blind readers can tell
-apart. Importing one of the modules imports matplotlib.
+In: columns of a log or a recording. Out: PNG files. Not here: scores (`recording/`).
 """
+
+__all__ = ["noise", "recording", "tracks"]

@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 
 from imu_tracker.plots.drawing import BLACK, MAX_POINTS, Array, Indices, runs
 from imu_tracker.plots.logs import MAX_GAP_S, MODES, LogColumns, colours_of, summary
+from imu_tracker.recording.scoring import Track, metres_per_degree
 from imu_tracker.samples import Mode
-from imu_tracker.scoring import Track, metres_per_degree
 
 _MAX_CIRCLES: Final = 60
 _MIN_EXTENT_M: Final = 20.0  # however little a parked tracker moves

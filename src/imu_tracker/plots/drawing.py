@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imu_tracker.errors import OutputError
-from imu_tracker.palette import BLACK as BLACK
-from imu_tracker.palette import BLUE as BLUE
-from imu_tracker.palette import GREEN as GREEN
-from imu_tracker.palette import ORANGE as ORANGE
-from imu_tracker.palette import PURPLE as PURPLE
-from imu_tracker.palette import SKY as SKY
-from imu_tracker.palette import VERMILION as VERMILION
+from imu_tracker.exports.palette import BLACK as BLACK
+from imu_tracker.exports.palette import BLUE as BLUE
+from imu_tracker.exports.palette import GREEN as GREEN
+from imu_tracker.exports.palette import ORANGE as ORANGE
+from imu_tracker.exports.palette import PURPLE as PURPLE
+from imu_tracker.exports.palette import SKY as SKY
+from imu_tracker.exports.palette import VERMILION as VERMILION
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -8,11 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imu_tracker.outputs.latlong import MAX_GAP_S as MAX_GAP_S
-from imu_tracker.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from imu_tracker.palette import MODES as MODES
+from imu_tracker.exports.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from imu_tracker.exports.palette import MODES as MODES
 from imu_tracker.plots.drawing import Array
-from imu_tracker.scoring import Track
+from imu_tracker.recording.scoring import Track
+from imu_tracker.storage.latlong import MAX_GAP_S as MAX_GAP_S
 
 _COMPARED: Final = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 

@@ -20,7 +20,7 @@ from imu_tracker.plots.drawing import (
     legend_above,
     save,
 )
-from imu_tracker.reports import Report
+from imu_tracker.recording.sensor_report import Report
 
 _COLOURS = (BLUE, ORANGE, GREEN)
 

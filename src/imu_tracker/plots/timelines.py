@@ -18,8 +18,8 @@ from imu_tracker.plots.drawing import (
     runs,
 )
 from imu_tracker.plots.logs import MAX_GAP_S, MODES, LogColumns, colours_of
+from imu_tracker.recording.scoring import Track, answer
 from imu_tracker.samples import Mode
-from imu_tracker.scoring import Track, answer
 
 _DAY_S: Final = 86400.0
 _LOG_SCALE_FROM: Final = 20.0  # ratio of the largest to the smallest radius

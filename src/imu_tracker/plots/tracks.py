@@ -10,7 +10,7 @@ from imu_tracker.plots.chart import draw_map
 from imu_tracker.plots.drawing import save
 from imu_tracker.plots.logs import LogColumns, joined
 from imu_tracker.plots.timelines import days_of, draw_radius, draw_speed, shade_modes
-from imu_tracker.scoring import Track
+from imu_tracker.recording.scoring import Track
 
 __all__ = ["LogColumns", "plot_tracks"]
 

@@ -1,17 +1,18 @@
-"""Drives and walks that never happened, as the wires would have told of them.
+"""Simulated drives with exact truth. Pure.
 
-From a scenario and a seed to frames and truth::
-
-    Path (speed, curvature) -> Trajectory -> Motion -> ideal IMU -> MPU-6050 -> Frame
-                                              |
-                                              +-> position -> receiver -> NMEA -> Frame
-                                              +-> TruthRow
-
-Everything in here is exact but for the errors that are added on purpose: without
-them strapdown returns to the truth, and a test holds it.
+In: a scenario and a seed. Out: frames as the wires deliver them, and the true path. Not
+here: files and pace.
 """
 
 from imu_tracker.simulation.scenarios import SCENARIOS, Scenario
 from imu_tracker.simulation.simulator import Simulated, TruthRow, simulate
 
-__all__ = ["SCENARIOS", "Scenario", "Simulated", "TruthRow", "simulate"]
+__all__ = [
+    "SCENARIOS",
+    "Scenario",
+    "Simulated",
+    "TruthRow",
+    "scenarios",
+    "simulate",
+    "simulator",
+]

@@ -9,13 +9,26 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from imu_tracker.simulation import figures
-from imu_tracker.simulation.driver import Driver
-from imu_tracker.simulation.motion import Gait, Hills, Ride, Suspension, Trajectory
-from imu_tracker.simulation.paths import Leg, Path, change_speed, cruise, stand, turn
-from imu_tracker.simulation.positions import Place
-from imu_tracker.simulation.receiver import TYPICAL_RECEIVER, ReceiverErrors
-from imu_tracker.simulation.sensor_errors import TABLET, TYPICAL_CHIP, SensorErrors
+from imu_tracker.simulation.imu.errors import TABLET, TYPICAL_CHIP, SensorErrors
+from imu_tracker.simulation.motion import figures
+from imu_tracker.simulation.motion.driver import Driver
+from imu_tracker.simulation.motion.paths import (
+    Leg,
+    Path,
+    change_speed,
+    cruise,
+    stand,
+    turn,
+)
+from imu_tracker.simulation.motion.positions import Place
+from imu_tracker.simulation.motion.trajectory import (
+    Gait,
+    Hills,
+    Ride,
+    Suspension,
+    Trajectory,
+)
+from imu_tracker.simulation.receiver.receiver import TYPICAL_RECEIVER, ReceiverErrors
 
 DELFT: Final = Place(math.radians(52.0), math.radians(4.37), 5.0)
 

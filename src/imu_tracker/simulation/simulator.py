@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.geodesy import gravity_mps2
-from imu_tracker.estimation.rotation import from_euler, multiply
+from imu_tracker.geometry.geodesy import gravity_mps2
+from imu_tracker.geometry.rotation import from_euler, multiply
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
@@ -25,11 +25,15 @@ from imu_tracker.samples import (
     Source,
     Vec3,
 )
-from imu_tracker.simulation.imu import Imu
-from imu_tracker.simulation.positions import TICKS_PER_S, Whereabouts, whereabouts
-from imu_tracker.simulation.receiver import Receiver, ReceiverErrors
+from imu_tracker.simulation.imu.chip import Imu
+from imu_tracker.simulation.imu.errors import ChipTraits, SensorErrors
+from imu_tracker.simulation.motion.positions import (
+    TICKS_PER_S,
+    Whereabouts,
+    whereabouts,
+)
+from imu_tracker.simulation.receiver.receiver import Receiver, ReceiverErrors
 from imu_tracker.simulation.scenarios import SCENARIOS, Scenario
-from imu_tracker.simulation.sensor_errors import ChipTraits, SensorErrors
 
 START_UTC_S: Final = 1795348800.0
 """2026-11-22T12:00:00Z: every simulation begins at noon of this day."""

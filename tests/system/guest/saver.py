@@ -8,7 +8,7 @@ import os
 from itertools import count
 from pathlib import Path
 
-from imu_tracker.outputs.atomic import replace_file
+from imu_tracker.storage.atomic import replace_file
 
 SAVED = Path("/var/lib/imu-tracker/saver.json")
 TOLD = os.open("/run/imu-tracker-test-saver", os.O_WRONLY | os.O_CREAT)

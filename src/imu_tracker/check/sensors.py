@@ -1,0 +1,264 @@
+"""Is everything there that tracking needs? What to do about what is not.
+
+Each check returns findings and never raises for what it finds. They look at the real
+things, with the code that the daemon uses.
+"""
+
+import contextlib
+import itertools
+import math
+import os
+import queue
+import shutil
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2, CountsModel
+from imu_tracker.config import Config
+from imu_tracker.errors import (
+    BusError,
+    DeviceNotFoundError,
+    NmeaError,
+    OutputError,
+    TrackerError,
+)
+from imu_tracker.recording.files import layout_of, read_recording
+from imu_tracker.samples import Frame, ImuSample, Source
+from imu_tracker.sensors import pi_advice as mending
+from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader
+from imu_tracker.sensors.gnss.lines import checked_text
+from imu_tracker.sensors.gnss.reader import GpsHealth, GpsState
+from imu_tracker.sensors.imu.i2c import explain
+from imu_tracker.sources import factory as hardware
+from imu_tracker.storage.append_file import FOREIGN, Layout, is_foreign
+from imu_tracker.storage.latlong import LAYOUT
+
+SAMPLES: Final = 50
+GRAVITY_G: Final = (0.85, 1.15)  # ranges are good to 3 %, zero-g to 80 mg
+STILL_DPS: Final = 30.0  # PS-MPU-6000A section 6.1: zero-rate 20, and some
+
+LISTEN_NS: Final = 20 * SECOND_NS  # seven baud rates, 2.2 s each
+SENTENCES_NS: Final = 3 * SECOND_NS  # from the first one on: all kinds, and a fix
+
+
+class Verdict(StrEnum):
+    """How a check ended."""
+
+    OK = "ok"
+    WARNING = "warning"
+    FAILED = "FAILED"
+
+
+class Finding(NamedTuple):
+    """One line of the table."""
+
+    verdict: Verdict
+    what: str
+    text: str
+    exit_code: int = 0
+
+
+def check_sensors(config: Config, clock: Clock) -> Iterator[Finding]:
+    """Look for what the frames will come from."""
+    match config.source.kind:
+        case "hardware":
+            yield check_imu(config, clock)
+            yield from check_gps(config, clock)
+        case "recording":
+            yield check_recording(config)
+        case "simulation":
+            yield _ok("source", f"simulation: {config.source.scenario}")
+
+
+def check_outputs(config: Config) -> Iterator[Finding]:
+    """Look whether the files can be written."""
+    free_mb = config.log.min_free_mb
+    yield check_output("log", config.log.path, LAYOUT, free_mb)
+    if (path := config.record.path) is not None:
+        yield check_output("recording", path, layout_of(path), free_mb)
+
+
+def check_imu(config: Config, clock: Clock) -> Finding:
+    """Probe and configure the chip, and see that it feels gravity."""
+    try:
+        with contextlib.closing(hardware.open_imu_bus(config)) as bus:
+            imu = hardware.imu_driver(config, bus, clock)
+            imu.configure(hardware.imu_settings(config))
+            counts = CountsModel(config.imu.accel_range_g, config.imu.gyro_range_dps)
+            samples = []
+            for _ in range(SAMPLES):
+                clock.sleep_until_ns(clock.now_ns() + 10 * MILLISECOND_NS)
+                samples.append(counts.decode(clock.now_ns(), imu.read_burst()))
+    except BusError as error:
+        return _failed("IMU", explain(error), error)
+    except TrackerError as error:
+        return _failed("IMU", str(error), error)
+    gravity_g, rate_dps, temp_degc = _means(samples)
+    text = (
+        f"{imu.chip.name} at 0x{config.imu.address:02X} on /dev/i2c-{config.imu.bus}: "
+        f"{gravity_g:.2f} g, {rate_dps:.1f} °/s, {temp_degc:.0f} °C"
+    )
+    if GRAVITY_G[0] <= gravity_g <= GRAVITY_G[1] and rate_dps <= STILL_DPS:
+        return _ok("IMU", text)
+    return _warning("IMU", f"{text}; at rest it feels 1 g and no rate: hold it still")
+
+
+def _means(samples: list[ImuSample]) -> tuple[float, float, float]:
+    """Return the norms of the mean specific force (g) and rate (deg/s), and degC."""
+    n = len(samples)
+    accel = [sum(s.accel_mps2[i] for s in samples) / n for i in range(3)]
+    gyro = [sum(s.gyro_radps[i] for s in samples) / n for i in range(3)]
+    temp_degc = sum(sample.temp_degc for sample in samples) / n
+    gravity_g = math.hypot(*accel) / STANDARD_GRAVITY_MPS2
+    return gravity_g, math.degrees(math.hypot(*gyro)), temp_degc
+
+
+def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
+    """Listen to the receiver for as long as it takes to know, half a minute at most."""
+    port = config.gps.port
+    if (console := mending.console_on(port)) is not None:
+        yield _unavailable(
+            "GPS port",
+            f"{port}: Linux uses it for its console ({console}): "
+            f"{mending.switch_console_off()}",
+        )
+        return
+    epochs = EpochReader(date=config.gps.date)
+    health, kinds = _listen(config, clock, epochs)
+    if health.state is GpsState.CLOSED:
+        yield _unavailable("GPS port", _why_closed(port, health.detail))
+        return
+    if health.state is not GpsState.OK:
+        yield _unavailable("GPS port", f"{port}: {_GPS_ADVICE[health.state]}")
+        return
+    speed = "" if port.startswith("socket://") else f" at {health.baud} baud"
+    yield _ok("GPS port", f"{port}{speed}: {' '.join(sorted(kinds))}")
+    if not kinds & {"RMC", "GGA", "GNS", "GLL"}:
+        yield _unavailable("GPS", "no sentence has a position: it must send RMC or GGA")
+    elif epochs.counters["fixes_without_date"]:
+        yield _warning(
+            "GPS",
+            "a fix without a date, and so no log: make it send RMC, or set gps.date",
+        )
+    elif not epochs.counters["fixes"]:
+        yield _warning("GPS", "no fix yet: the antenna wants to see the sky")
+    else:
+        yield _ok("GPS", "a fix")
+
+
+_GPS_ADVICE: Final = {
+    GpsState.SILENT: (
+        "not a byte: is the receiver powered, its TX on our RX, and the serial port on "
+        "(sudo raspi-config nonint do_serial_hw 0)?"
+    ),
+    GpsState.SEARCHING: (
+        "bytes, but no sentence at any speed: not NMEA, or a bad connection"
+    ),
+    GpsState.GARBAGE: (
+        "bytes, but no sentence: not NMEA, a wrong gps.baud, or a bad connection"
+    ),
+}
+
+
+def _listen(
+    config: Config, clock: Clock, epochs: EpochReader
+) -> tuple[GpsHealth, set[str]]:
+    """Return how the port is, and the kinds of sentences that came."""
+    frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
+    kinds: set[str] = set()
+    reader = hardware.gps_reader(config, frames.put, clock)
+    end_ns = clock.now_ns() + LISTEN_NS
+    reader.start()
+    try:
+        while True:
+            clock.sleep_until_ns(clock.now_ns() + 100 * MILLISECOND_NS)
+            health = reader.health()
+            while not frames.empty():
+                frame = frames.get()
+                if frame.source is Source.GPS and (kind := _kind(frame.data)):
+                    epochs.feed(frame.t_ns, frame.data)
+                    if not kinds:
+                        end_ns = clock.now_ns() + SENTENCES_NS
+                    kinds.add(kind)
+            epochs.advance(clock.now_ns())
+            is_hopeless = health.state is GpsState.CLOSED and health.detail
+            if is_hopeless or clock.now_ns() >= end_ns:
+                return health, kinds
+    finally:
+        reader.stop()
+        reader.join()
+
+
+def _kind(line: bytes) -> str:
+    """Return the kind of an intact sentence, such as RMC; else ""."""
+    try:
+        return checked_text(line)[2:5]
+    except NmeaError:
+        return ""
+
+
+def _why_closed(port: str, detail: str) -> str:
+    if port.startswith("socket://"):
+        return f"{port}: {detail}: is the other side there, and listening?"
+    path = Path(port)
+    if not path.exists():
+        patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
+        found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
+        others = ", ".join(map(str, found)) or "no serial port"
+        advice = "set gps.port"
+        if path.name in mending.UARTS:
+            advice = f"{mending.switch_uart_on()}; or {advice}"
+        return f"{port} does not exist (there is {others}): {advice}"
+    if not os.access(path, os.R_OK | os.W_OK):
+        return f"no permission for {port}: {mending.join_group(path, 'dialout')}"
+    return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
+
+
+def check_recording(config: Config) -> Finding:
+    """Read the recording's header."""
+    path = config.source.path
+    if path is None:
+        raise ValueError("a configuration without a path is refused")
+    try:
+        next(read_recording(path))
+    except TrackerError as error:
+        return _failed("source", str(error), error)
+    return _ok("source", f"recording: {path}")
+
+
+def check_output(what: str, path: Path, layout: Layout, min_free_mb: float) -> Finding:
+    """See that a file can be made or appended to, and how much room there is."""
+    place = path
+    while not place.exists():
+        place = place.parent
+    is_file = place == path
+    if place.is_dir() is is_file or not os.access(place, os.W_OK):
+        advice = f": {mending.own_directory(path.parent)}" if place.is_dir() else ""
+        error = OutputError(f"{path}: this user cannot write to {place}{advice}")
+        return _failed(what, str(error), error)
+    if is_file and is_foreign(path, layout):
+        error = OutputError(f"{path}: {FOREIGN}")
+        return _failed(what, str(error), error)
+    free_mb = shutil.disk_usage(place).free / 1e6
+    if free_mb < min_free_mb:
+        return _warning(what, f"{path}: {free_mb:.0f} MB free: below log.min_free_mb")
+    return _ok(what, f"{path}: {free_mb / 1000:.1f} GB free")
+
+
+def _ok(what: str, text: str) -> Finding:
+    return Finding(Verdict.OK, what, text)
+
+
+def _warning(what: str, text: str) -> Finding:
+    return Finding(Verdict.WARNING, what, text)
+
+
+def _failed(what: str, text: str, error: TrackerError) -> Finding:
+    return Finding(Verdict.FAILED, what, text, error.exit_code)
+
+
+def _unavailable(what: str, text: str) -> Finding:
+    return Finding(Verdict.FAILED, what, text, DeviceNotFoundError.exit_code)

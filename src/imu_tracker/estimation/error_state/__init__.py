@@ -1,0 +1,16 @@
+"""The error-state filter, the default estimator.
+
+In: `ImuStep`, fixes, standstill, what an earlier run learnt. Out: `Estimate`, and what
+was learnt. Not here: the order of events and output times (`Tracker`).
+"""
+
+__all__ = [
+    "alignment",
+    "estimator",
+    "filter",
+    "noise_bank",
+    "platform",
+    "receiver_model",
+    "states",
+    "warm_start",
+]

@@ -1,0 +1,117 @@
+"""What a walker does without a receiver: he goes on as he went, and no faster.
+
+His steps are too violent for dead reckoning from a pocket, but they are regular. While
+the receiver sees him it is learnt how fast he goes, and in which direction seen from
+the box; in the dark he is taken to go on so, and to turn as the gyro turns. The fact
+that a newcomer gets wrong: this needs no heading. The box may lie in any way, and north
+may be anywhere: only turns count.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY
+
+START_SPEED_MPS: Final = 1.5
+"""Root of the mean square speed of somebody on foot, before he was seen to walk."""
+
+WALKING_MPS: Final = 0.5
+"""Below this he stands and looks about: no direction to learn."""
+
+START_SCATTER_MPS: Final = 1.0
+LEAST_SCATTER_MPS: Final = 0.3
+"""About the mean of his own velocity: stride, sway of the box, a look at the telephone.
+Nobody walks more evenly than by a fifth of his speed."""
+
+LEARNING_S: Final = 15.0
+SPEED_LEARNING_S: Final = 60.0
+"""A direction lasts from corner to corner, a speed as long as somebody's company."""
+
+GOING_ON_LASTS_S: Final = 15.0
+BOUND_LASTS_S: Final = 30.0
+"""For so long one such measurement is the same as the next."""
+
+DIRECTION_SIGMA_RAD: Final = math.radians(5.0)
+"""The box in its pocket turns against who carries it."""
+
+
+class Gait:
+    """Learns how somebody walks, and tells how he goes on."""
+
+    def __init__(self) -> None:
+        self._own = (0.0, 0.0)  # velocity, turned back by all turns so far
+        self._scatter_var = START_SCATTER_MPS**2
+        self._speed_square = START_SPEED_MPS**2
+        self._learnt_s = 0.0
+
+    def observe(
+        self,
+        v_ne_mps: tuple[float, float],
+        turned_rad: float,
+        period_s: float,
+        *,
+        is_stepping: bool,
+    ) -> None:
+        """Take a stretch of a walk whose velocity is known.
+
+        Parameters
+        ----------
+        v_ne_mps : (north, east)
+        turned_rad : float
+            To the right since the start, by the gyro alone.
+        period_s : float
+        is_stepping : bool
+        """
+        vn, ve = v_ne_mps
+        square = vn * vn + ve * ve
+        share = period_s / SPEED_LEARNING_S
+        self._speed_square += share * (square - self._speed_square)
+        if square < WALKING_MPS**2 or not is_stepping:
+            return
+        own = _turned((vn, ve), -turned_rad)
+        self._learnt_s += period_s
+        share = max(period_s / LEARNING_S, period_s / self._learnt_s)
+        (a, b), (x, y) = self._own, own
+        off_var = 0.5 * ((x - a) ** 2 + (y - b) ** 2)
+        self._own = (a + share * (x - a), b + share * (y - b))
+        self._scatter_var += period_s / LEARNING_S * (off_var - self._scatter_var)
+
+    def bounded(self, eskf: Eskf, period_s: float) -> Measurement:
+        """Speed of somebody on foot: 0 = v, as large as it was in the last minutes."""
+        H = np.zeros((2, N_ERRORS))
+        H[:, VELOCITY] = np.eye(2, 3)
+        z = -np.array(eskf.nominal.v_n[:2])
+        votes = max(1.0, BOUND_LASTS_S / period_s)
+        variance = max(0.5 * self._speed_square, LEAST_SCATTER_MPS**2)
+        return Measurement(z, H, np.eye(2) * votes * variance)
+
+    def goes_on(
+        self, eskf: Eskf, turned_rad: float, dark_s: float, period_s: float
+    ) -> Measurement | None:
+        """Velocity of somebody who walks on as he went; None: not known yet.
+
+        Notes
+        -----
+        0 = R(turned) own - v. What the gyro has drifted since goes into R, across.
+        """
+        if self._learnt_s < LEARNING_S:
+            return None
+        vn, ve = _turned(self._own, turned_rad)
+        H = np.zeros((2, N_ERRORS))
+        H[:, VELOCITY] = np.eye(2, 3)
+        z = np.array([vn, ve]) - eskf.nominal.v_n[:2]
+        drift_var = eskf.down_bias[1] * dark_s**2 + DIRECTION_SIGMA_RAD**2
+        across = np.array([-ve, vn])
+        scatter_var = max(self._scatter_var, LEAST_SCATTER_MPS**2)
+        votes = max(1.0, GOING_ON_LASTS_S / period_s)
+        R = votes * (scatter_var * np.eye(2) + drift_var * np.outer(across, across))
+        return Measurement(z, H, R)
+
+
+def _turned(v_ne: tuple[float, float], yaw_rad: float) -> tuple[float, float]:
+    north, east = v_ne
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    return north * cosine - east * sine, north * sine + east * cosine

@@ -1,0 +1,158 @@
+"""What a thing on wheels cannot do, and hardly does, as measurements of the errors.
+
+Each is a function that returns innovation, H and R; who calls it decides when. All
+speak of the vehicle's axes: x ahead, y right, z down, reached from the box's through
+the mounting that is being learnt.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.states import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    AXLE,
+    GYRO_BIAS,
+    MOUNT_PITCH,
+    MOUNT_YAW,
+    N_ERRORS,
+    VELOCITY,
+    Array,
+    skew,
+)
+from imu_tracker.geometry.rotation import matrix
+from imu_tracker.motion.standstill import Rest
+
+LATERAL_SIGMA_MPS: Final = 0.2
+"""Sideways velocity at the rear axle: camber, wind, play of the suspension."""
+
+SLIP_RAD_PER_MPS2: Final = 0.004
+"""Slip angle of a rear tyre by lateral acceleration: 1 deg at 4 m/s^2."""
+
+VERTICAL_RATIO: Final = 6.0
+"""Vertical over lateral: hills change, springs travel, the box is not at the axle."""
+
+ERROR_LASTS_S: Final = 0.3
+"""Errors of a constraint are correlated: applied more often than this, R grows."""
+
+SOFT_GATE: Final = 3.0
+"""An innovation beyond so many sigmas inflates R to meet it: a car that slides is
+believed to slide."""
+
+REST_SPEED_SIGMA_MPS: Final = 0.03
+REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
+"""A resting vehicle still rocks: of the mean of a second."""
+
+REST_SHAKING_SHARE: Final = 0.1
+"""Of what the gyro shakes by, this is left of the mean of a second."""
+
+REST_LASTS_S: Final = 1.0
+"""The mean of a second's samples is told afresh once a second."""
+
+GENTLE_STOP_MPS: Final = 1.0
+GENTLE_STOP_S: Final = 2.0
+"""Who stops gently is quiet before he stands: speed that may be left, and how fast it
+fades. After a minute in the dark each metre per second of it is worth thirty metres."""
+
+SLOPE_LASTS_S: Final = 10.0
+FORWARD_LASTS_S: Final = 5.0
+"""A slope lasts 150 m; braking and speeding up end after some seconds."""
+
+
+def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
+    """Zero velocity across and, weakly, along the vehicle's vertical.
+
+    Notes
+    -----
+    v_v = C_vb C_bn v_n. At the rear axle, which does not swing,
+    0 = v_y - axle r and 0 = v_z, r the yaw rate. With the errors:
+    dv_v = C_vn dv + C_vn [v_n x] theta + mu x v_v.
+    """
+    C_vn = eskf.C_vn()
+    v_n = eskf.nominal.v_n
+    ahead, right, down = (C_vn @ v_n).tolist()
+    rate = eskf.rate_n[2]
+    lateral_mps2 = abs(rate * ahead)
+    H = np.zeros((2, N_ERRORS))
+    H[:, VELOCITY] = C_vn[1:]
+    H[:, ATTITUDE] = (C_vn @ skew(v_n))[1:]
+    H[0, MOUNT_YAW] = ahead
+    H[1, MOUNT_PITCH] = -ahead
+    H[0, AXLE] = -rate
+    z = np.array([eskf.axle_m * rate - right, -down])
+    slip = SLIP_RAD_PER_MPS2 * lateral_mps2 * ahead
+    votes = max(1.0, ERROR_LASTS_S / period_s)
+    lateral_var = votes * (LATERAL_SIGMA_MPS**2 + slip**2)
+    vertical_var = votes * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
+    R = np.diag([lateral_var, vertical_var])
+    return softened(eskf, Measurement(z, H, R))
+
+
+def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
+    """Zero velocity and zero rate: the mean rate of a second is the gyro's bias."""
+    H = np.zeros((6, N_ERRORS))
+    H[0:3, VELOCITY] = np.eye(3)
+    H[3:6, GYRO_BIAS] = np.eye(3)
+    z = np.concatenate(
+        [
+            np.negative(eskf.nominal.v_n),
+            np.subtract(seen.gyro_radps, eskf.gyro_bias_radps),
+        ]
+    )
+    votes = max(1.0, REST_LASTS_S / period_s)
+    left_mps = GENTLE_STOP_MPS * math.exp(-seen.duration_s / GENTLE_STOP_S)
+    speed_var = votes * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
+    shaken_radps = REST_SHAKING_SHARE * seen.gyro_std_radps
+    rate_var = votes * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
+    return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
+
+
+def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
+    """Roads are nearly level: the vehicle's pitch is 0, as steep as roads are here.
+
+    Notes
+    -----
+    sin(pitch) = -C_vn[0, 2] (down component of the forward axis, up positive):
+    d(C_vn) = [mu x] C_vn - C_vn [theta x].
+    """
+    C_vn = eskf.C_vn()
+    H = np.zeros((1, N_ERRORS))
+    # forward axis in NED: f = C_vn[0]; its down component changes with theta x f.
+    fn, fe, _ = C_vn[0].tolist()
+    H[0, 6:9] = (fe, -fn, 0.0)
+    H[0, MOUNT_PITCH] = C_vn[2, 2]
+    H[0, MOUNT_YAW] = -C_vn[1, 2]
+    z = np.array([-C_vn[0, 2]])
+    votes = max(1.0, SLOPE_LASTS_S / period_s)
+    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_rad**2]])))
+
+
+def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
+    """Own forward acceleration of the last second is small in the mean.
+
+    Notes
+    -----
+    0 = x . C_vn a_n = x . (C_vb (f_b - b_a) + C_vn g): the attitude counts through
+    gravity alone. d(C_vn) = [mu x] C_vn - C_vn [theta x], da_b = -db_a.
+    """
+    C_vn = eskf.C_vn()
+    a_v = C_vn @ np.array(eskf.mean_a_n)
+    fn, fe, _ = C_vn[0].tolist()
+    H = np.zeros((1, N_ERRORS))
+    H[0, 6:9] = (fe * eskf.gravity_mps2, -fn * eskf.gravity_mps2, 0.0)
+    H[0, ACCEL_BIAS] = -(C_vn[0] @ matrix(eskf.nominal.q_nb))
+    H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
+    z = np.array([-a_v[0]])
+    votes = max(1.0, FORWARD_LASTS_S / period_s)
+    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_mps2**2]])))
+
+
+def softened(eskf: Eskf, measured: Measurement) -> Measurement:
+    """Inflate R where an innovation lies beyond the soft gate, row by row."""
+    z, H, R = measured
+    predicted: Array = np.einsum("ij,jk,ik->i", H, eskf.P, H)
+    needed = (z / SOFT_GATE) ** 2 - predicted
+    return Measurement(z, H, np.diag(np.maximum(R.diagonal(), needed)))

@@ -1,0 +1,237 @@
+"""A fix against the filters: believed, softened, refused, or begun anew from."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
+from imu_tracker.estimation.error_state.hypotheses.divergence import OrientationWatch
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.propagation import (
+    ANY_HEIGHT_VAR,
+    ANY_SPEED_VAR,
+    Propagation,
+)
+from imu_tracker.estimation.error_state.receiver_model import (
+    ReceiverModel,
+    geometry_of,
+    log_likelihood,
+    soft,
+)
+from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    POSITION,
+    RECEIVER,
+    VELOCITY,
+)
+from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
+from imu_tracker.samples import GpsFix, Vec3
+
+BELIEVED_SIGMAS: Final = 2.5
+DOUBT_S: Final = 5.0
+"""A lasting error of the receiver beyond this is the filter's own."""
+
+AGAIN_NS: Final = 60_000_000_000
+"""A filter that begins anew with a true attitude keeps its way for longer."""
+
+
+class FixUpdate:
+    """Corrects all filters by fixes, and learns how far those are to be believed.
+
+    Parameters
+    ----------
+    lever_arm_m : Vec3, body axes
+        From the chip to the antenna.
+    bank : NoiseBank
+    alignment : Alignment
+    carrier : Carrier
+    propagation : Propagation
+
+    Attributes
+    ----------
+    receiver : ReceiverModel
+    alt_origin_m : float or None
+        Height of the origin of positions, once a fix has told it.
+    doubt_m : float
+        Radius that reaches to where refused fixes agree on; 0: none do.
+    nis_mean, log_likelihood_mean : float
+        Of the positions that were used.
+    """
+
+    def __init__(
+        self,
+        lever_arm_m: Vec3,
+        bank: NoiseBank,
+        alignment: Alignment,
+        carrier: Carrier,
+        propagation: Propagation,
+    ) -> None:
+        self._lever_arm_m = lever_arm_m
+        self._bank, self._alignment, self._carrier = bank, alignment, carrier
+        self._propagation = propagation
+        self._gate = Gate(carrier.profile)
+        self.receiver = ReceiverModel()
+        self.alt_origin_m: float | None = None
+        self.doubt_m = 0.0
+        self._nis_sum = self._log_likelihood_sum = 0.0
+        self._n_used = 0
+        self._watch = OrientationWatch()
+        self._is_lost = False
+        self._restarted_ns: int | None = None
+
+    @property
+    def nis_mean(self) -> float:
+        """Mean squared innovation; 2 when all is as it says."""
+        return self._nis_sum / max(self._n_used, 1)
+
+    @property
+    def log_likelihood_mean(self) -> float:
+        """How well fixes were foretold."""
+        return self._log_likelihood_sum / max(self._n_used, 1)
+
+    def change_profile(self) -> None:
+        """Gate by what the carrier may do now."""
+        self._gate = Gate(self._carrier.profile)
+
+    def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
+        """Correct by a fix that describes the instant `ahead_s` after the filters'."""
+        receiver, eskf = self.receiver, self._bank.main
+        speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
+        if self._gate.is_frozen(fix, math.hypot(*speed_n)):
+            # By its own word it moves, or else by the filter's, which may be wrong.
+            if fix.vel_ne_mps is None and self._gate.reject(fix):
+                self._restart(fix)
+                return FixOutcome.REACQUIRED
+            return FixOutcome.FROZEN
+        receiver.observe(fix)
+        self._propagation.behaviour.own_accel_mps2 = receiver.accel_mps2
+        receiver.is_resting = self._propagation.rest is not None
+        if self.alt_origin_m is None and fix.alt_m is not None:
+            self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
+        for each in self._alignment.filters:
+            each.take_receiver_var(receiver.lasting_var(fix))
+            self._doubt(each, receiver.lasting_var(fix))
+        is_aligned = self._alignment.is_aligned
+        geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
+        frame = self._propagation.frame
+        position = receiver.position(eskf, fix, frame, geometry, ahead_s)
+        S = eskf.innovation_covariance(position)
+        nis = float(position.z @ np.linalg.solve(S, position.z))
+        if not self._gate.passes(nis):
+            if self._gate.reject(fix):
+                self._restart(fix)
+                return FixOutcome.REACQUIRED
+            if self._gate.n_agreeing > 1:
+                # Two say the same: the truth may be there as well as here.
+                self.doubt_m = math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
+            return FixOutcome.OUTLIER
+        self.doubt_m = 0.0
+        self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
+        self._log_likelihood_sum += log_likelihood(position.z, S)
+        if self._propagation.dark_s < DARK_AFTER_S and is_aligned:
+            # The fix as it is, not as it counts: votes would make any receiver shine.
+            S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
+            nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
+            receiver.learn_position(nis_alone)
+        main, challenger = (
+            self._correct(each, fix, ahead_s) for each in self._bank.filters
+        )
+        if self._alignment.agnostic is not None:
+            self._correct(self._alignment.agnostic, fix, ahead_s)
+        if is_aligned:
+            self._alignment.judge(main, challenger, receiver.period_s)
+        if self._bank.main is not eskf:
+            self._watch.forget()  # it is another's past
+            self._is_lost = False
+        self._propagation.dark_s = 0.0
+        if self._is_lost:
+            self._restart(fix)
+            return FixOutcome.REACQUIRED
+        return FixOutcome.ACCEPTED
+
+    def _lose_orientation(self) -> None:
+        self._alignment.lose()
+        self._watch.forget()
+        self._is_lost, self._restarted_ns = False, None
+
+    def _doubt(self, eskf: Eskf, variance: float) -> None:
+        """Open up where the receiver's error would have to be larger than it can be.
+
+        A filter that is wrong and sure of itself explains the difference by the
+        receiver. The part beyond `BELIEVED_SIGMAS` becomes its own uncertainty,
+        within some seconds.
+        """
+        error_m = math.hypot(*eskf.receiver_ne_m)
+        beyond_m = error_m - BELIEVED_SIGMAS * math.sqrt(variance)
+        if beyond_m > 0.0:
+            P = eskf.P.copy()
+            share = min(self.receiver.period_s / DOUBT_S, 1.0)
+            P[0, 0] += share * beyond_m**2
+            P[1, 1] += share * beyond_m**2
+            P[3, 3] += share * (beyond_m / DOUBT_S) ** 2
+            P[4, 4] += share * (beyond_m / DOUBT_S) ** 2
+            eskf.P = P
+
+    def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
+        """Fold position, height and velocity into one filter; return how likely."""
+        receiver, propagation = self.receiver, self._propagation
+        is_aligned = self._alignment.is_aligned
+        geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
+        position = receiver.position(eskf, fix, propagation.frame, geometry, ahead_s)
+        if not is_aligned or eskf is self._alignment.agnostic:
+            position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
+        likelihood = log_likelihood(position.z, eskf.innovation_covariance(position))
+        eskf.apply(position)
+        eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
+        velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
+        seen = fix.vel_ne_mps
+        if seen and velocity is not None and propagation.rest is None:
+            S = eskf.innovation_covariance(velocity)
+            if eskf is self._bank.main and is_aligned:
+                self._is_lost = self._watch.observe(
+                    *(fix.t_ns, seen, receiver.velocity_var),
+                    receiver.accel_mps2 or 0.0,
+                    *(self._carrier.unknown_accel_psd, velocity.z),
+                    S - velocity.R * (1.0 - 1.0 / receiver.velocity_votes),
+                )
+            is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
+            if eskf is self._bank.main and is_tracking:
+                receiver.learn_velocity(velocity.z, S - velocity.R)
+            likelihood += log_likelihood(velocity.z, S)
+            eskf.apply(soft(velocity, S))
+        return likelihood
+
+    def _restart(self, fix: GpsFix) -> None:
+        """Begin anew from the receiver; the attitude stays if nothing is against it.
+
+        A filter that lost its way before its heading was confirmed had a wrong one, and
+        so had one that soon loses it again, unless velocities speak for it.
+        """
+        last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
+        is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
+        is_doubtful = fix.vel_ne_mps is None or self._watch.lead_nats < 0.0
+        if self._is_lost or (is_again and is_doubtful):
+            self._lose_orientation()
+        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
+        self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
+        self.doubt_m = 0.0
+        vn, ve = fix.vel_ne_mps or (0.0, 0.0)
+        speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
+        for eskf in self._bank.filters:
+            if levelled is not None:
+                eskf.take_over(levelled)
+                eskf.forget_orientation(math.pi, is_vehicle=self._carrier.is_vehicle)
+                eskf.receiver_ne_m = (0.0, 0.0)
+            eskf.nominal = eskf.nominal._replace(
+                p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
+            )
+            eskf.set_variances(POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
+            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
+            eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
+        if levelled is not None:
+            self._alignment.is_aligned = False

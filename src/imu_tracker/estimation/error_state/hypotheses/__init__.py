@@ -1,0 +1,7 @@
+"""Doubts about heading, mounting and noise, and what decides them.
+
+In: filters and how well each predicts the fixes. Out: which filter leads, a new heading
+or noise level. Not here: the algebra of one filter (`error_state/filter`).
+"""
+
+__all__ = ["alignment", "divergence", "noise_bank", "reorient", "yaw_bank"]

@@ -1,0 +1,413 @@
+"""Which way is down, which way is north, and how the box sits: the coarse stage.
+
+Course is not heading. The course is taken for the heading of a vehicle as soon as there
+is one, and held against what the accelerations say: beside the filters goes one that
+never believed the course (`agnostic`), and levels the accelerations for the yaw bank.
+Where the bank contradicts, a filter with its heading is tried by likelihood.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.hypotheses.reorient import (
+    REVERSE_MPS,
+    REVERSE_RAD,
+    forget_gyro_bias,
+    head_for,
+    off_course,
+    place,
+    turn,
+    yaw_between,
+)
+from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
+    CONVERGED_SIGMA_RAD,
+    YawBank,
+)
+from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.receiver_model import ReceiverModel
+from imu_tracker.estimation.error_state.states import (
+    GYRO_BIAS,
+    TILT,
+    VELOCITY_DELAY,
+    YAW,
+    Array,
+)
+from imu_tracker.geometry.rotation import (
+    IDENTITY,
+    level_from_gravity,
+    to_euler,
+    wrap_pi,
+)
+from imu_tracker.motion.preintegration import ImuStep
+from imu_tracker.motion.standstill import Rest
+from imu_tracker.samples import GpsFix, Quat
+
+LEVELLING_S: Final = 1.0
+ODD_MOUNTING_RAD: Final = math.radians(20.0)
+"""No road and no hand's error tips a box so far."""
+
+COURSE_SPEED_MPS: Final = 2.0
+COURSE_TURN_RADPS: Final = 0.3
+COURSE_SIGMA_RAD: Final = math.radians(5.0)
+COURSE_SIGMA_MPS: Final = 0.2
+"""Between course and direction of travel of a vehicle that does not turn tightly; and
+across it, at low speed."""
+
+BANK_PERIOD_S: Final = 0.5
+BANK_VELOCITY_VAR: Final = 0.3**2
+"""A moving box swings against the antenna."""
+
+CONTRADICTED_RAD: Final = math.radians(35.0)
+CONTRADICTED_FIXES: Final = 5
+"""How far, and how often, the bank must differ before it is believed: delay and tilt
+make it err by 10 degrees."""
+
+GUESS_SIGMA_RAD: Final = math.radians(30.0)
+"""A bank less sure than this says nothing."""
+
+PATIENCE_S: Final = 5.0
+"""For so long of a usable course the bank is heard first: pulling off shows it in some
+seconds whether the box sits turned; on a steady road it never can."""
+
+LOST_YAW_SIGMA_RAD: Final = 0.6
+LOST_TILT_SIGMA_RAD: Final = 1.0
+"""Known worse than this, an angle is sooner found anew than mended: a filter that is
+linear about it goes the wrong way."""
+
+RELEVELLED_SIGMA_RAD: Final = 0.5
+"""What a level may be wrong by that was found amid a turn: an aeroplane banks so."""
+
+_VERDICTS: Final = {
+    True: "what the last run learnt holds",
+    False: "what the last run learnt does not fit; learnt anew",
+}
+
+RESTED_SIGMA_RADPS: Final = math.radians(0.05)
+"""Better known than this is a gyro's bias only after a rest (`vehicle.rest`)."""
+
+
+class Alignment:
+    """Levels the filters, gives them a heading, and doubts it.
+
+    Parameters
+    ----------
+    bank : NoiseBank
+        The filters.
+    carrier : Carrier
+    notify : callable
+        Told in words what people want to read of.
+
+    Attributes
+    ----------
+    is_level, is_aligned : bool
+        Whether down is known, and north.
+    level_q : Quat or None
+        Attitude of the box as it was levelled.
+    agnostic : Eskf or None
+        The filter that never took the course for the heading, until the yaw bank has
+        confirmed the others.
+    is_memory_unproved : bool
+        Whether what an earlier run learnt is in the filters, and was not yet held
+        against a filter without it.
+    """
+
+    def __init__(
+        self, bank: NoiseBank, carrier: Carrier, notify: Callable[[str], None]
+    ) -> None:
+        self._bank, self._carrier, self._notify = bank, carrier, notify
+        self._yaw_bank = YawBank()
+        self._yaw_bank_due_s = 0.0
+        self._n_contradicted = 0
+        self._waited_s = 0.0
+        self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
+        self.level_q: Quat | None = None
+        self.is_aligned = False
+        self.agnostic: Eskf | None = None
+        self.is_memory_unproved = self._is_memory_tried = False
+        self._is_memory_fresh = False
+        self._with_memory: Eskf | None = None
+
+    @property
+    def is_level(self) -> bool:
+        """Whether down is known."""
+        return self.level_q is not None
+
+    @property
+    def filters(self) -> tuple[Eskf, ...]:
+        """All there are: what happens to the body, happens to each."""
+        agnostic = self.agnostic
+        return self._bank.filters + (() if agnostic is None else (agnostic,))
+
+    @property
+    def _reference(self) -> Eskf:
+        """Whose attitude the bank's accelerations are levelled by.
+
+        Until the bank has spoken once, a filter that never took the course for the
+        heading: a wrong heading spoils the tilt, and with it the evidence.
+        """
+        return self._bank.main if self.agnostic is None else self.agnostic
+
+    def can_use_force(self, rest: Rest | None) -> bool:
+        """Whether forces can be rotated; at rest any yaw will do."""
+        return self.is_level and (self.is_aligned or rest is not None)
+
+    def start(self) -> None:
+        """Gather the evidence anew; the attitude stays."""
+        self._yaw_bank.forget()
+        self.agnostic = None
+        self._waited_s, self._n_contradicted = 0.0, 0
+
+    # --------------------------------------------------------------- with each step
+
+    def level(self, step: ImuStep) -> None:
+        """Take the mean force of a second for gravity.
+
+        A box that lies far from flat was mounted so: the vehicle is taken for level.
+        """
+        if step.is_gap:
+            self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
+            return
+        (x, y, z), (dx, dy, dz) = self._level_dv, step.dv_b_mps
+        self._level_dv = (x + dx, y + dy, z + dz)
+        self._level_s += step.dt_s
+        if self._level_s >= LEVELLING_S:
+            q_nb = level_from_gravity(self._level_dv)
+            roll, pitch, _ = to_euler(q_nb)
+            for eskf in self._bank.filters:
+                eskf.nominal = eskf.nominal._replace(q_nb=q_nb)
+                if max(eskf.P.diagonal()[TILT]) > RELEVELLED_SIGMA_RAD**2:
+                    eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
+                if max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD:
+                    eskf.q_vb = q_nb
+            self.level_q = q_nb
+
+    def observe_stretch(self) -> None:
+        """Give the yaw bank the level acceleration since the last prediction."""
+        (dvn, dve, _), dt = self._reference.stretch
+        self._yaw_bank.add(dt, (dvn, dve))
+
+    def moved(self, north_m: float, east_m: float) -> None:
+        """Hear that the origin of positions went so far."""
+        self._yaw_bank.moved(north_m, east_m)
+
+    def check_orientation(self) -> None:
+        """Give up a heading, or a level, that is hardly known any more."""
+        main = self._bank.main
+        if self.is_level and max(main.P.diagonal()[TILT]) > LOST_TILT_SIGMA_RAD**2:
+            self.lose()
+        elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
+            self.is_aligned = False
+            self.start()  # the bank, too, turned with this attitude
+
+    def lose(self) -> None:
+        """Level anew and find north anew: the attitude, or the mounting, is wrong."""
+        is_vehicle = self._carrier.is_vehicle
+        for eskf in self._bank.filters:
+            eskf.forget_orientation(math.pi, is_vehicle=is_vehicle)
+            eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
+            if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
+                forget_gyro_bias(eskf)
+            eskf.q_vb = IDENTITY
+        self._bank.challenge_noise()
+        self.level_q, self._level_s, self._level_dv = None, 0.0, (0.0, 0.0, 0.0)
+        self.is_aligned = self.is_memory_unproved = self._is_memory_tried = False
+        self.start()
+        self._notify("the orientation was lost; learnt anew")
+
+    # ---------------------------------------------------------------- with each fix
+
+    def judge(self, main: float, challenger: float, period_s: float) -> None:
+        """Let the likelihood of the fix decide between the filters."""
+        heading = self._bank.judge(main, challenger, period_s)
+        if heading is None:
+            return
+        if self._is_memory_tried:
+            self._is_memory_tried = self.is_memory_unproved = False
+            if heading:
+                self._notify(_VERDICTS[self._bank.main is self._with_memory])
+            self._with_memory = None
+        elif heading:
+            self._notify("the heading was wrong; learnt anew")
+        self.agnostic = None
+        self._yaw_bank.forget()
+
+    def observe(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
+        """Find the heading, or doubt it, by a fix that was accepted."""
+        self._mind_reverse()
+        self._ask_yaw_bank(fix, position_ne, receiver)
+        if not self.is_aligned:
+            self._align(fix, receiver.period_s)
+        elif self.is_memory_unproved and not self._bank.is_heading_trial:
+            self._try_memory(fix)
+
+    def _mind_reverse(self) -> None:
+        """Nobody goes backwards so fast: the box sits turned by half a turn."""
+        if not self._carrier.is_vehicle or not self.is_aligned:
+            return
+        main = self._bank.main
+        if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
+            for eskf in self._bank.filters:
+                eskf.turn_mounting_half()
+            self._notify("the box sits with its x axis backwards")
+
+    def _ask_yaw_bank(
+        self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel
+    ) -> None:
+        """Compare the heading with what the accelerations say of it."""
+        yaw_bank, eskf, levelled = self._yaw_bank, self._bank.main, self._reference
+        self._yaw_bank_due_s -= receiver.period_s
+        if self._yaw_bank_due_s > 0.0:
+            return
+        self._yaw_bank_due_s = BANK_PERIOD_S
+        yaw_bank.update(
+            position_ne,
+            max(0.35 * fix.sigma_h_m, 0.3) ** 2,
+            None if fix.vel_ne_mps is None else np.array(fix.vel_ne_mps),
+            receiver.velocity_var + BANK_VELOCITY_VAR,
+            max(0.1, eskf.sigma(VELOCITY_DELAY)) ** 2,
+            levelled.level_accel_var,
+            levelled.down_bias,
+        )
+        if self.is_aligned and (
+            self._is_memory_tried or not self._bank.is_heading_trial
+        ):
+            self._hold_against(*yaw_bank.answer())
+
+    def _hold_against(self, yaw_rad: float, sigma_rad: float) -> None:
+        """Try the bank's heading, once it has contradicted for long enough."""
+        eskf, levelled = self._bank.main, self._reference
+        turned_rad = yaw_between(eskf.nominal.q_nb, levelled.nominal.q_nb)
+        if not _contradicts(wrap_pi(yaw_rad - turned_rad), sigma_rad):
+            self._n_contradicted = 0
+            if sigma_rad < CONVERGED_SIGMA_RAD and self.agnostic is not None:
+                self.agnostic = None
+                self._yaw_bank.forget()
+            return
+        self._n_contradicted += 1
+        if self._n_contradicted >= CONTRADICTED_FIXES:
+            self._n_contradicted = 0
+            candidate = eskf.clone(eskf.noise)
+            candidate.take_over(levelled)
+            place(candidate, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
+            self._is_memory_tried = False
+            self._bank.challenge_heading(candidate)
+
+    def _take_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
+        """Align by the bank's word."""
+        for eskf in self._bank.filters:
+            place(eskf, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
+        self._yaw_bank.turned(yaw_rad)
+        self.is_aligned = True
+
+    def _align(self, fix: GpsFix, period_s: float) -> None:
+        """Take the course of a vehicle for its heading, or else the bank's word."""
+        yaw_rad, sigma_rad = self._yaw_bank.answer()
+        course = self._course(fix) if self._carrier.is_vehicle else None
+        if course is None:
+            if sigma_rad < CONVERGED_SIGMA_RAD:
+                self._take_yaw(yaw_rad, sigma_rad)
+            return
+        course_rad, course_sigma_rad = course
+        main = self._bank.main
+        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < PATIENCE_S:
+            self._waited_s += period_s
+            return
+        wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
+        if _contradicts(wrong_rad, sigma_rad):
+            self._take_yaw(yaw_rad, sigma_rad)
+            return
+        self.agnostic = main.clone(main.noise)
+        for eskf in self._bank.filters:
+            head_for(eskf, course_rad, course_sigma_rad)
+        self.is_aligned = True
+
+    def _course(self, fix: GpsFix) -> tuple[float, float] | None:
+        """Course as far as it tells the heading of a vehicle, with its sigma."""
+        if fix.vel_ne_mps is None:
+            return None
+        vn, ve = fix.vel_ne_mps
+        speed_mps = math.hypot(vn, ve)
+        turn_radps = abs(self._bank.main.rate_n[2])
+        if speed_mps < COURSE_SPEED_MPS or turn_radps > COURSE_TURN_RADPS:
+            return None
+        sigma_rad = math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / speed_mps)
+        return math.atan2(ve, vn), sigma_rad
+
+    # ------------------------------------------------------- what an earlier run knew
+
+    def recall_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
+        """Take the heading in which the vehicle was left."""
+        for eskf in self._bank.filters:
+            turn(eskf, wrap_pi(yaw_rad - to_euler(eskf.nominal.q_nb)[2]))
+            eskf.set_variances(YAW, [sigma_rad**2])
+        self._yaw_bank.turned(yaw_rad)
+        self.is_aligned = True
+
+    def remember(self, *, is_fresh: bool) -> None:
+        """Hear that the filters began with what an earlier run learnt.
+
+        `is_fresh` says that there was no time to take the box elsewhere.
+        """
+        self.is_memory_unproved, self._is_memory_fresh = True, is_fresh
+
+    def _try_memory(self, fix: GpsFix) -> None:
+        """Try a filter with what an earlier run learnt against one without it.
+
+        As soon as the vehicle goes: parked, nothing tells the two apart. If the box is
+        in another car, the one without will soon foretell the fixes better. The other
+        one leads meanwhile; but if it never rested and may be anybody's, it follows:
+        the rate of another chip would lead it astray within seconds.
+        """
+        course = self._course(fix)
+        if course is None:
+            return
+        main = self._bank.main
+        without = main.clone(main.noise)
+        self._forget_memory(without)
+        if self._carrier.is_vehicle:
+            off_rad = abs(off_course(main, course[0]))
+            if CONTRADICTED_RAD < off_rad < REVERSE_RAD:
+                # Neither ahead nor in reverse: it was not left with this heading.
+                for eskf in self._bank.filters:
+                    head_for(eskf, *course)
+            head_for(without, *course)
+        self._is_memory_tried, self._with_memory = True, main
+        if self._is_memory_fresh or main.sigma(GYRO_BIAS.start) < RESTED_SIGMA_RADPS:
+            self._bank.challenge_heading(without)
+        else:
+            self._bank.main = without
+            self._bank.challenge_heading(main)
+
+    def give_up_memory(self) -> None:
+        """Learn anew, after what was remembered has led astray."""
+        if not self.is_memory_unproved:
+            return
+        self.is_memory_unproved = self._is_memory_tried = False
+        self._forget_memory(self._bank.main)
+        self._bank.challenge_noise()
+        self.is_aligned = False
+        self.start()
+        self._notify("what the last run learnt does not fit; learnt anew")
+
+    def _forget_memory(self, eskf: Eskf) -> None:
+        """Doubt the orientation, the biases and the mounting as a first start does."""
+        eskf.forget_orientation(eskf.sigma(8), is_vehicle=self._carrier.is_vehicle)
+        if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
+            forget_gyro_bias(eskf)
+        if self._carrier.is_vehicle and self.level_q is not None:
+            roll, pitch, _ = to_euler(self.level_q)
+            is_odd = max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD
+            eskf.q_vb = self.level_q if is_odd else IDENTITY
+
+
+def _contradicts(wrong_rad: float, sigma_rad: float) -> bool:
+    """Whether a heading differs from the bank's beyond its doubts and its errors."""
+    return (
+        sigma_rad < GUESS_SIGMA_RAD
+        and abs(wrong_rad) > CONTRADICTED_RAD + 2.0 * sigma_rad
+    )

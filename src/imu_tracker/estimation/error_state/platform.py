@@ -1,0 +1,109 @@
+"""The body that carries the box: what it may do, as far as is known by now."""
+
+import math
+from typing import Final
+
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.hypotheses.reorient import lean_right
+from imu_tracker.motion.profile import ProfileJudge
+from imu_tracker.motion.step_detector import Pace
+from imu_tracker.samples import Quat
+
+UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
+"""While the yaw or the IMU is unknown: a body's own acceleration, as (m/s^2)^2/Hz. A
+vehicle's is 1 m/s^2 rms, and corners and stops last some six seconds; a walker turns
+round within one."""
+
+LONGEST_S: Final = 2.0
+"""Into a turn and out of it takes longer."""
+
+MOST_DRIFT_MPS2: Final = 0.3
+"""Speed times the doubt of the gyro's bias: a turn that is none."""
+
+
+class Carrier:
+    """A profile that is given, or that is found from how the body moves.
+
+    Parameters
+    ----------
+    profile : {"auto", "free", "vehicle", "walker"}
+        With "auto" it is free until the evidence is in.
+
+    Attributes
+    ----------
+    profile : {"free", "vehicle", "walker"}
+    pace : Pace
+        Takes every step of the filters.
+    turned_rad : float
+        To the right since the start, by the gyro alone: a heading that is found is no
+        turn.
+    """
+
+    def __init__(self, profile: str) -> None:
+        self._judge = ProfileJudge() if profile == "auto" else None
+        self.profile = "free" if profile == "auto" else profile
+        self.turned_rad = 0.0
+        self._seen_ns, self._seen_rad = 0, 0.0
+        self.pace = Pace()
+
+    @property
+    def is_vehicle(self) -> bool:
+        """Whether it rolls on wheels, ahead."""
+        return self.profile == "vehicle"
+
+    @property
+    def is_walker(self) -> bool:
+        """Whether it is somebody on foot."""
+        return self.profile == "walker"
+
+    @property
+    def unknown_accel_psd(self) -> float:
+        """Its own acceleration, (m/s^2)^2/Hz, while nothing measures it."""
+        return UNKNOWN_ACCEL_PSD[self.profile]
+
+    def recall(self, profile: object) -> bool:
+        """Take a vehicle that an earlier run found; return whether that is news."""
+        if self._judge is None or profile != "vehicle":
+            return False
+        self._judge.profile = self.profile = "vehicle"
+        return True
+
+    def observe(self, eskf: Eskf, level_q: Quat, *, is_aligned: bool) -> None:
+        """See how it moved since the last call, a second ago.
+
+        After a longer time, in the dark or at rest, nothing is said: the lean of an
+        instant tells nothing of a turn that is over. Nor before heading and gyro are
+        known: who does not know his way cannot tell to which side he leans.
+
+        Parameters
+        ----------
+        eskf : Eskf
+        level_q : Quat
+            Attitude of the box when it was levelled.
+        is_aligned : bool
+            Whether the heading is known.
+        """
+        if self._judge is None:
+            return
+        t_ns, speed_mps = eskf.nominal.t_ns, math.hypot(*eskf.nominal.v_n[:2])
+        period_s = (t_ns - self._seen_ns) * 1e-9
+        turn_rad = self.turned_rad - self._seen_rad
+        self._seen_ns, self._seen_rad = t_ns, self.turned_rad
+        if not 0.0 < period_s < LONGEST_S:
+            return
+        drift_mps2 = speed_mps * math.sqrt(eskf.down_bias[1])
+        knows_turns = is_aligned and drift_mps2 < MOST_DRIFT_MPS2
+        self._judge.observe(
+            period_s,
+            speed_mps,
+            turn_rad,
+            lean_right(eskf, level_q) if knows_turns else None,
+            is_stepping=self.pace.is_stepping,
+        )
+
+    def take_change(self) -> bool:
+        """Let what was found by now hold; return whether it is news."""
+        before = self.profile
+        if self._judge is not None:
+            self.profile = self._judge.profile
+        return self.profile != before

@@ -1,0 +1,188 @@
+"""The filters through time: steps, growth of their errors, and silence of the IMU."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.constraints.schedule import Behaviour
+from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.states import (
+    ATTITUDE,
+    N_ERRORS,
+    POSITION,
+    RECEIVER,
+    VELOCITY,
+)
+from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
+from imu_tracker.motion.preintegration import ImuStep
+from imu_tracker.motion.standstill import Rest
+
+STRETCH_S: Final = 0.1
+"""Errors grow, and constraints are applied, in stretches of three steps: in 0.12 s a
+car turns by 5 deg at most."""
+
+ANY_SPEED_VAR: Final = 20.0**2
+ANY_HEIGHT_VAR: Final = 100.0**2
+
+SILENT_TURN_RADPS: Final = 0.1
+SILENT_TURN_LASTS_S: Final = 5.0
+SILENT_SLOPE_RAD: Final = 0.1
+UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
+"""While the IMU is silent a body turns so fast, one corner after another; a vehicle
+gets no further from level than slopes do. Any angle at all has the last variance."""
+
+
+class Propagation:
+    """Moves all filters on, side by side.
+
+    Parameters
+    ----------
+    bank : NoiseBank
+    alignment : Alignment
+    carrier : Carrier
+
+    Attributes
+    ----------
+    frame : LocalFrame
+        Where the filters' positions are counted from; it goes along.
+    rest : Rest or None
+        At the end of the last step.
+    dark_s : float
+        Since the last fix that was used.
+    """
+
+    def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
+        self._bank, self._alignment, self._carrier = bank, alignment, carrier
+        self._behaviour = Behaviour(bank, alignment, carrier)
+        self._stretch_s = self._silent_s = 0.0
+        self.frame = LocalFrame.at(0.0, 0.0)
+        self.rest: Rest | None = None
+        self.dark_s = 0.0
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """What the body is known to do."""
+        return self._behaviour
+
+    def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
+        """Begin at a place known to `sigma_m` per axis, at any speed."""
+        self.frame = LocalFrame.at(lat_rad, lon_rad)
+        for eskf in self._bank.filters:
+            eskf.gravity_mps2 = gravity_mps2(lat_rad)
+            eskf.predict(use_force=False)
+            t_ns, _, _, q_nb = eskf.nominal
+            eskf.nominal = Nominal(t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), q_nb)
+            eskf.set_variances(POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
+            eskf.set_variances(VELOCITY, [ANY_SPEED_VAR, ANY_SPEED_VAR, 1.0])
+            eskf.receiver_ne_m = (0.0, 0.0)
+            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
+        self.dark_s = 0.0
+        self._alignment.start()
+
+    # ------------------------------------------------------------------------ steps
+
+    def take(self, step: ImuStep, rest: Rest | None) -> None:
+        """Take a step into the filters; `rest` when the body stands still."""
+        alignment = self._alignment
+        self.rest = rest
+        self._carrier.pace.add(step)
+        if not alignment.is_level:
+            alignment.level(step)
+        use_force = alignment.can_use_force(rest)
+        for eskf in self._bank.filters:
+            eskf.propagate(step, use_force=use_force)
+        if alignment.agnostic is not None:
+            alignment.agnostic.propagate(step, use_force=rest is not None)
+        self._stretch_s += step.dt_s
+        self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
+        if step.is_gap:
+            self._bear_silence(step.dt_s)
+        elif step.is_saturated:
+            # A reading that was clipped may be off by as much as it says.
+            turned_var = sum(x * x for x in step.dtheta_b_rad)
+            self._doubt(turned_var, sum(x * x for x in step.dv_b_mps))
+        if self._stretch_s >= STRETCH_S:
+            self.predict()
+            self.dark_s += self._stretch_s
+            if not step.is_gap:
+                self._behaviour.apply(rest, self._stretch_s, self.dark_s)
+            if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
+                self._move_frame()
+            self._stretch_s = 0.0
+
+    def predict(self) -> None:
+        """Let the errors grow up to the end of the last step."""
+        if self._stretch_s <= 0.0:
+            return
+        alignment, rest = self._alignment, self.rest
+        alignment.observe_stretch()
+        _, stretch_s = self._bank.main.stretch
+        use_force = alignment.can_use_force(rest)
+        unknown = 0.0 if use_force else self._carrier.unknown_accel_psd
+        for eskf in self._bank.filters:
+            eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
+        self._carrier.turned_rad += self._bank.main.rate_n[2] * stretch_s
+        if alignment.agnostic is not None:
+            rests = rest is not None
+            unknown = 0.0 if rests else self._carrier.unknown_accel_psd
+            alignment.agnostic.predict(use_force=rests, unknown_accel_psd=unknown)
+
+    def _bear_silence(self, dt_s: float) -> None:
+        """Let the body have moved while the IMU said nothing.
+
+        Notes
+        -----
+        A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
+        2 r^2 T a second once t > T. Without the forces `predict` has let it speed up.
+        """
+        carrier = self._carrier
+        lasted_s = min(self._silent_s, SILENT_TURN_LASTS_S)
+        turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
+        needs_doubt = self._alignment.can_use_force(None)
+        sped_var = carrier.unknown_accel_psd * dt_s if needs_doubt else 0.0
+        if self._silent_s > SILENT_TURN_LASTS_S:
+            self._behaviour.forget_gait()
+        most = SILENT_SLOPE_RAD**2 if carrier.is_vehicle else UNKNOWN_ANGLE_VAR
+        self._doubt(turned_var, sped_var, most)
+
+    def _doubt(
+        self,
+        angle_var: float,
+        speed_var: float,
+        most_tilt_var: float = UNKNOWN_ANGLE_VAR,
+    ) -> None:
+        """Let the body have turned and sped up by so much more, in any direction."""
+        more = np.zeros(N_ERRORS)
+        more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
+        most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
+        for eskf in self._alignment.filters:
+            before = eskf.P.diagonal()[ATTITUDE]
+            P = eskf.P + np.diag(more)
+            # An angle has an end; its correlations shrink with it.
+            ends = np.maximum(most, before)
+            scale = np.ones(N_ERRORS)
+            scale[ATTITUDE] = np.sqrt(np.minimum(1.0, ends / P.diagonal()[ATTITUDE]))
+            eskf.P = P * np.outer(scale, scale)
+        self._alignment.check_orientation()
+
+    def _move_frame(self) -> None:
+        """Take the origin along when the way from it grows."""
+        north, east, _ = self._bank.main.nominal.p_n
+        lat, lon = self.frame.to_lat_lon(north, east)
+        self.frame = LocalFrame.at(lat, lon)
+        agnostic = self._alignment.agnostic
+        self._alignment.moved(north, east)
+        for eskf in self._bank.filters:
+            _shift(eskf, -north, -east)
+            eskf.gravity_mps2 = gravity_mps2(lat)
+        if agnostic is not None:
+            _shift(agnostic, -north, -east)
+
+
+def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:
+    pn, pe, pd = eskf.nominal.p_n
+    eskf.nominal = eskf.nominal._replace(p_n=(pn + north_m, pe + east_m, pd))

@@ -1,0 +1,264 @@
+"""What a fix says of the errors, and how far this receiver is to be believed.
+
+The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty votes. The
+lasting part of a receiver's error is a state of the filter; what is left counts once
+a second, at any rate of fixes.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    N_ERRORS,
+    POSITION,
+    RECEIVER,
+    VELOCITY,
+    VELOCITY_DELAY,
+    Array,
+)
+from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import rotate
+from imu_tracker.samples import GpsFix, Vec3
+
+LASTING_VAR_SHARE: Final = 0.9
+"""Of the receiver's variance: what lasts for a minute. A receiver filters its fixes;
+what is new with each second is a third of its sigma."""
+
+BEST_LASTING_SIGMA_M: Final = 0.5
+"""Per axis under the best sky without corrections: air and orbits. No scatter shows
+it, so that no quiet receiver is believed beyond this unless it says so itself."""
+
+ALTITUDE_FACTOR: Final = 2.0
+"""Vertical against horizontal error of a receiver: its satellites are all above."""
+
+ALTITUDE_VOTES: Final = 10.0
+"""Its lasting error has no state: altitudes of so many seconds count as one."""
+
+RESTING_LASTS_S: Final = 30.0
+"""What is reflected to an antenna that stands changes with the satellites alone: at
+rest the fixes of so long count as one. A parked tracker draws no star."""
+
+RESOLUTION_M: Final = 0.01
+TIMING_SIGMA_S: Final = 0.002
+"""However good a receiver: its digits, and the time stamps of IMU and host."""
+
+VELOCITY_FLOOR_MPS: Final = 0.1
+VELOCITY_START_MPS: Final = 0.2
+VELOCITY_CEILING_MPS: Final = 1.0
+"""Error of a Doppler velocity per axis: at best, before it is known, and when a
+receiver differentiates positions; never so large that it counts for nothing."""
+
+VELOCITY_LASTS_S: Final = 4.0
+"""Errors of a Doppler velocity are the satellites' and the filter's, and last so
+long: velocities of so many seconds are one."""
+
+ACCEL_OVER_S: Final = 0.8
+LONGEST_S: Final = 10.0
+"""Over less than about a second a velocity's noise passes for acceleration; over a long
+silence everything averages to nothing."""
+
+VELOCITY_SMEAR_S: Final = 0.1
+"""A receiver's velocity is a mean over a tenth of a second or more, and its filter
+does not lag alike in each manoeuvre."""
+
+LEARNING_S: Final = 30.0
+NOISE_LEARNING_S: Final = 8.0
+"""How fast trust follows the innovations."""
+
+MIN_NIS_LEVEL: Final = 0.05
+MAX_NIS_LEVEL: Final = 36.0
+"""A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
+nothing of the receiver), by six upwards (nor of walls that reflect)."""
+
+_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
+
+
+class FixGeometry(NamedTuple):
+    """The antenna against the chip, navigation axes."""
+
+    lever_n_m: Vec3
+    swing_n_mps: Vec3
+
+
+class ReceiverModel:
+    """Learns a receiver's noise from its innovations.
+
+    Attributes
+    ----------
+    period_s : float
+        Between fixes.
+    accel_mps2 : float or None
+        Change of its velocity within the last seconds, the larger of two; None: not
+        known, or it tells no velocity.
+    velocity_var : float, (m/s)^2
+    nis_level : float
+        Factor on the variance that the receiver claims for its position.
+    is_resting : bool
+        Whether the antenna stands still, by the word of the IMU.
+    """
+
+    def __init__(self) -> None:
+        self.period_s = 1.0
+        self.velocity_var = VELOCITY_START_MPS**2
+        self.nis_level = 1.0
+        self.is_resting = False
+        self.accel_mps2: float | None = None
+        self._fix_ns: int | None = None
+        self._vel: tuple[int, float, float] | None = None
+        self._last_accel_mps2 = 0.0
+
+    @property
+    def votes(self) -> float:
+        """Fixes that count as one: those of a second, or of a rest."""
+        lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
+        return max(1.0, lasts_s / self.period_s)
+
+    @property
+    def velocity_votes(self) -> float:
+        """Velocities that count as one."""
+        return max(1.0, VELOCITY_LASTS_S / self.period_s)
+
+    def observe(self, fix: GpsFix) -> None:
+        """Learn how often fixes come, and how their velocity changes."""
+        if self._fix_ns is not None:
+            period_s = (fix.t_ns - self._fix_ns) * 1e-9
+            if 0.0 < period_s < 10.0:
+                self.period_s += 0.1 * (period_s - self.period_s)
+        self._fix_ns = fix.t_ns
+        if fix.vel_ne_mps is None:
+            self.accel_mps2 = self._vel = None
+            return
+        now = (fix.t_ns, *fix.vel_ne_mps)
+        if self._vel is None:
+            self._vel = now
+        dt_s = (now[0] - self._vel[0]) * 1e-9
+        if dt_s > LONGEST_S:
+            self._vel, self.accel_mps2, self._last_accel_mps2 = now, None, 0.0
+        elif dt_s > ACCEL_OVER_S:
+            change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
+            accel_mps2, before_mps2 = change_mps / dt_s, self._last_accel_mps2
+            self.accel_mps2 = max(accel_mps2, before_mps2)
+            self._vel, self._last_accel_mps2 = now, accel_mps2
+
+    def lasting_var(self, fix: GpsFix) -> float:
+        """Variance of the lasting part of the error."""
+        claimed = LASTING_VAR_SHARE * fix.sigma_h_m**2
+        return max(claimed * self.nis_level, min(claimed, BEST_LASTING_SIGMA_M**2))
+
+    def position(
+        self,
+        eskf: Eskf,
+        fix: GpsFix,
+        frame: LocalFrame,
+        geometry: FixGeometry,
+        ahead_s: float,
+    ) -> Measurement:
+        """Horizontal position.
+
+        Notes
+        -----
+        z = fix - lever - (p + v (ahead + delay) + b_r);
+        H = [I, (ahead + delay) I, ..., I (b_r), v (delay)].
+        """
+        (pn, pe, _), (vn, ve, _) = eskf.nominal.p_n, eskf.nominal.v_n
+        after_s = ahead_s + eskf.delay_s
+        north, east = frame.to_ne(fix.lat_rad, fix.lon_rad)
+        (ln, le, _), (bn, be) = geometry.lever_n_m, eskf.receiver_ne_m
+        z = np.array(
+            [north - ln - pn - vn * after_s - bn, east - le - pe - ve * after_s - be]
+        )
+        H = np.zeros((2, N_ERRORS))
+        H[:, POSITION] = np.eye(2, 3)
+        H[:, VELOCITY] = after_s * np.eye(2, 3)
+        H[:, RECEIVER] = np.eye(2)
+        H[:, DELAY] = (vn, ve)
+        white = (1.0 - LASTING_VAR_SHARE) * fix.sigma_h_m**2 * self.nis_level
+        timing = RESOLUTION_M**2 + TIMING_SIGMA_S**2 * (vn * vn + ve * ve)
+        # Carried over a time of which the acceleration is not known exactly.
+        carried = (0.5 * max(abs(after_s) - 0.05, 0.0) ** 2) ** 2
+        return Measurement(z, H, np.eye(2) * (white * self.votes + timing + carried))
+
+    def velocity(
+        self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
+    ) -> Measurement | None:
+        """Horizontal velocity, with a delay of its own.
+
+        Notes
+        -----
+        z = fix - swing - (v + a (ahead + velocity_delay)); H = [I (v), a (delay)].
+        """
+        if fix.vel_ne_mps is None:
+            return None
+        (vn, ve, _), (an, ae, _) = eskf.nominal.v_n, eskf.a_n
+        after_s = ahead_s + eskf.velocity_delay_s
+        zn, ze = fix.vel_ne_mps
+        un, ue, _ = geometry.swing_n_mps
+        z = np.array([zn - un - vn - an * after_s, ze - ue - ve - ae * after_s])
+        H = np.zeros((2, N_ERRORS))
+        H[:, VELOCITY] = np.eye(2, 3)
+        H[:, VELOCITY_DELAY] = (an, ae)
+        smeared_var = VELOCITY_SMEAR_S**2 * (an * an + ae * ae)
+        variance = self.velocity_var * self.velocity_votes + smeared_var
+        return Measurement(z, H, np.eye(2) * variance)
+
+    def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:
+        """Height, or without one a vertical velocity of about zero.
+
+        Notes
+        -----
+        z = origin - altitude - p_d.
+        """
+        H = np.zeros((1, N_ERRORS))
+        if fix.alt_m is None or origin_m is None:
+            H[0, 5] = 1.0
+            return Measurement(np.array([-eskf.nominal.v_n[2]]), H, np.eye(1))
+        H[0, 2] = 1.0
+        z = np.array([origin_m - fix.alt_m - eskf.nominal.p_n[2]])
+        variance = (ALTITUDE_FACTOR * fix.sigma_h_m) ** 2
+        votes = max(1.0, ALTITUDE_VOTES / self.period_s)
+        return Measurement(z, H, np.eye(1) * variance * votes)
+
+    def learn_position(self, nis: float) -> None:
+        """Follow how true the receiver's claim is: E[NIS] = 2."""
+        forget = min(0.5 * self.period_s / NOISE_LEARNING_S, 0.2)
+        level = self.nis_level * (1.0 + forget * (0.5 * min(nis, 25.0) - 1.0))
+        self.nis_level = min(max(level, MIN_NIS_LEVEL), MAX_NIS_LEVEL)
+
+    def learn_velocity(self, z: Array, predicted: Array) -> None:
+        """Follow the scatter of the velocities: E[z z'] = H P H' + R."""
+        scatter = 0.5 * float(z @ z - predicted.trace())
+        forget = min(self.period_s / LEARNING_S, 0.2)
+        limited = min(max(scatter, 0.0), _SOFT_NIS * self.velocity_var)
+        variance = self.velocity_var + forget * (limited - self.velocity_var)
+        self.velocity_var = min(
+            max(variance, VELOCITY_FLOOR_MPS**2), VELOCITY_CEILING_MPS**2
+        )
+
+
+def geometry_of(eskf: Eskf, lever_b_m: Vec3, *, has_yaw: bool) -> FixGeometry:
+    """Lever arm in navigation axes, and how fast its end moves: rate x lever."""
+    if not has_yaw or not any(lever_b_m):
+        return FixGeometry((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    lever = rotate(eskf.nominal.q_nb, lever_b_m)
+    (wx, wy, wz), (lx, ly, lz) = eskf.rate_n, lever
+    swing = (wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx)
+    return FixGeometry(lever, swing)
+
+
+def soft(measured: Measurement, S: Array) -> Measurement:
+    """A wild velocity weighs little, but never nothing."""
+    z, H, R = measured
+    nis = float(z @ np.linalg.solve(S, z))
+    return measured if nis <= _SOFT_NIS else Measurement(z, H, R * (nis / _SOFT_NIS))
+
+
+def log_likelihood(z: Array, S: Array) -> float:
+    """Of an innovation under its covariance."""
+    (a, b), (_, c) = S.tolist()
+    det = a * c - b * b
+    nis = float(z @ np.linalg.solve(S, z))
+    return -0.5 * (nis + math.log(det)) - math.log(2.0 * math.pi)

@@ -1,0 +1,190 @@
+"""The 31 errors of the error-state filter, and how they grow.
+
+An error is what must be added to the estimate to make it true. The attitude's is a
+small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. What
+a newcomer gets wrong: velocity lives in NED and the biases in body axes, so `C_nb`
+couples them with a minus sign, once for each.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imu_tracker.geometry.rotation import matrix
+from imu_tracker.samples import Quat, Vec3
+
+Array = NDArray[np.float64]
+
+POSITION: Final = slice(0, 3)  # p_n, m
+VELOCITY: Final = slice(3, 6)  # v_n, m/s
+ATTITUDE: Final = slice(6, 9)  # theta_n, rad
+TILT: Final = slice(6, 8)
+YAW: Final = slice(8, 9)
+GYRO_BIAS: Final = slice(9, 12)  # b_g, body axes, rad/s
+ACCEL_BIAS: Final = slice(12, 15)  # b_a, body axes, m/s^2
+MOUNT_PITCH: Final = 15  # rad, about vehicle y: true C_vb = (I + [mu x]) C_vb
+MOUNT_YAW: Final = 16  # rad, about vehicle z
+MOUNTING: Final = slice(15, 17)
+RECEIVER: Final = slice(17, 19)  # lasting error of the receiver, NE, m
+DELAY: Final = 19  # fixes describe this much later than assumed, s
+VELOCITY_DELAY: Final = 20  # the same of their velocities
+DELAYS: Final = slice(19, 21)
+GYRO_GAIN: Final = slice(21, 30)  # M, column by column: true rate = (I + M) gyro
+AXLE: Final = 30  # from the rear axle forward to the box, m
+N_ERRORS: Final = 31
+
+
+class NoiseLevel(NamedTuple):
+    """How much worse than the datasheet a chip is in the place where it sits.
+
+    Densities are those of a random walk. The chip's own noise is 0.005 deg/s/sqrt(Hz)
+    and 400 ug/sqrt(Hz) (PS-MPU-6000A sections 6.1, 6.2); a vehicle shakes it, and what
+    is shaken is measured wrong in proportion: aliasing, clipping, scale, g-sensitivity.
+    """
+
+    gyro_share: float
+    """Part of the last second's scatter of the gyro, as a rate that lasts
+    `SHAKEN_S`."""
+    accel_share: float
+    """The same of the accelerometer."""
+
+
+SHAKEN_S: Final = 0.1
+"""How long an error by vibration lasts."""
+
+GYRO_NOISE_PSD: Final = math.radians(0.01) ** 2
+"""(rad/s)^2/Hz: the datasheet's, twice over for clones."""
+
+ACCEL_NOISE_PSD: Final = 0.02**2
+"""(m/s^2)^2/Hz: the datasheet's 0.004, five times over: scale errors of what the
+vehicle does, and steps of 40 ms."""
+
+GYRO_DRIFT_PSD: Final = math.radians(0.002) ** 2
+"""(rad/s)^2 per s: 0.1 deg/s in an hour, by temperature."""
+
+ACCEL_DRIFT_PSD: Final = 0.0005**2
+"""(m/s^2)^2 per s: 3 mg in an hour, by six kelvins (PS-MPU-6000A section 6.2: 35 mg
+over 70)."""
+
+MOUNT_DRIFT_PSD: Final = math.radians(0.01) ** 2
+"""rad^2 per s: load and speed tip a car by half a degree in the course of an hour."""
+
+DELAY_DRIFT_PSD: Final = 0.005**2
+"""s^2 per s: a receiver's filter changes its lag by 0.04 s in a minute."""
+
+RECEIVER_CORRELATION_S: Final = 60.0
+"""Air, orbits and reflections change a receiver's error in so long."""
+
+START_SIGMA: Final = (
+    (ATTITUDE, 0.2),  # levelled from one second of a moving body: 2 m/s^2 over g
+    (GYRO_BIAS, math.radians(3.0)),  # boards at 2 to 4 deg/s are common
+    (ACCEL_BIAS, 0.4),  # PS-MPU-6000A section 6.2: 50, 50, 80 mg
+    (slice(DELAY, DELAY + 1), 0.4),  # receivers: 0.05 to 1.2 s
+    (slice(VELOCITY_DELAY, VELOCITY_DELAY + 1), 0.4),
+    (GYRO_GAIN, 0.01),  # 6.1: 2 % across the axes; 3 % of scale, see below
+    (slice(AXLE, AXLE + 1), 1.0),  # boot to dashboard
+)
+
+SCALES: Final = range(GYRO_GAIN.start, GYRO_GAIN.stop, 4)
+SCALE_SIGMA: Final = 0.015
+"""Of each axis of the gyro, PS-MPU-6000A section 6.1: 3 % tolerance."""
+
+MOUNT_SIGMA_RAD: Final = math.radians(8.0)
+"""By hand and eye; larger angles are the coarse stage's."""
+
+
+def skew(v: Vec3) -> Array:
+    """Matrix of the cross product: skew(v) @ w = v x w."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def start_covariance(*, is_vehicle: bool) -> Array:
+    """Covariance of the errors before anything was seen; places are set at a fix."""
+    P = np.zeros((N_ERRORS, N_ERRORS))
+    for where, sigma in START_SIGMA:
+        for i in range(where.start, where.stop):
+            P[i, i] = sigma**2
+    P[SCALES, SCALES] = SCALE_SIGMA**2
+    if is_vehicle:
+        P[MOUNT_PITCH, MOUNT_PITCH] = P[MOUNT_YAW, MOUNT_YAW] = MOUNT_SIGMA_RAD**2
+    return P
+
+
+def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_n_rad: Vec3) -> Array:
+    """Transition matrix F of the errors over a short stretch.
+
+    Parameters
+    ----------
+    q_nb : Quat
+        Attitude amid the stretch.
+    dt_s : float
+    dv_n : Vec3, m/s
+        Integral of the specific force over the stretch, navigation axes.
+    turn_n_rad : Vec3, navigation axes
+        Angle turned over the stretch.
+
+    Returns
+    -------
+    F : ndarray, shape (31, 31)
+
+    Notes
+    -----
+    v' = v - [dv_n x] theta - C_nb b_a dt
+    theta' = theta - C_nb b_g dt + C_nb M turn_b
+    p' = p + v dt, and half a stretch of each change of v.
+    The receiver's error decays: b_r' = exp(-dt / tau) b_r.
+    Source: Sola 2017, arXiv:1711.02508, section 7 (global angular errors).
+    """
+    F = np.eye(N_ERRORS)
+    C_nb = matrix(q_nb)
+    C_dt = C_nb * dt_s
+    F_v = skew(dv_n)
+    F[3:6, 6:9] = -F_v
+    F[3:6, 12:15] = -C_dt
+    F[3:6, 9:12] = 0.5 * (F_v @ C_dt)
+    F[0:3, 6:15] = (0.5 * dt_s) * F[3:6, 6:15]
+    F[0, 3] = F[1, 4] = F[2, 5] = dt_s
+    F[6:9, 9:12] = -C_dt
+    turn_b = turn_n_rad @ C_nb
+    F[6:9, GYRO_GAIN] = (C_nb[:, None, :] * turn_b[:, None]).reshape(3, 9)
+    F[17, 17] = F[18, 18] = math.exp(-dt_s / RECEIVER_CORRELATION_S)
+    return F
+
+
+def process_noise(
+    dt_s: float,
+    gyro_psd: float,
+    accel_psd: float,
+    receiver_var: float,
+    *,
+    is_vehicle: bool,
+) -> Array:
+    """Process noise Q of a short stretch.
+
+    Parameters
+    ----------
+    dt_s : float
+    gyro_psd, accel_psd : float, (rad/s)^2/Hz and (m/s^2)^2/Hz
+    receiver_var : float, m^2
+        Variance of the receiver's lasting error, in the long run.
+    is_vehicle : bool
+        Whether there is a mounting that may change.
+    """
+    q = np.zeros(N_ERRORS)
+    q[0:3] = accel_psd * dt_s**3 / 3.0
+    q[3:6] = accel_psd * dt_s
+    q[6:9] = gyro_psd * dt_s
+    q[9:12] = GYRO_DRIFT_PSD * dt_s
+    q[12:15] = ACCEL_DRIFT_PSD * dt_s
+    if is_vehicle:
+        q[MOUNT_PITCH] = q[MOUNT_YAW] = MOUNT_DRIFT_PSD * dt_s
+    decay = math.exp(-2.0 * dt_s / RECEIVER_CORRELATION_S)
+    q[17:19] = receiver_var * (1.0 - decay)
+    q[DELAY] = q[VELOCITY_DELAY] = DELAY_DRIFT_PSD * dt_s
+    Q = np.diag(q)
+    cross = accel_psd * dt_s**2 / 2.0
+    Q[0, 3] = Q[3, 0] = Q[1, 4] = Q[4, 1] = Q[2, 5] = Q[5, 2] = cross
+    return Q

@@ -1,0 +1,287 @@
+"""Standing still, by the IMU's own word.
+
+The most useful measurement there is without GPS, and the most dangerous: a creeping
+car that is believed to stand writes its turn into the gyro bias. So rest is claimed
+only when the vibration of a second lies below a level learnt from this very vehicle,
+the rate agrees with the bias, the force with gravity, and nothing that is known of
+the speed speaks against it.
+"""
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+from imu_tracker.motion.preintegration import ImuStep
+from imu_tracker.motion.vibration import Vibration
+from imu_tracker.samples import Vec3
+
+WINDOW_NS: Final = 1_000_000_000
+"""Long enough to see an idling engine, short enough for a stop at a junction."""
+
+CONFIRM_S: Final = 0.5
+"""Rest must last so long beyond its first full window: a turning point is no stop."""
+
+_LATEST_STEPS: Final = 5
+LEAVING_RADPS: Final = math.radians(0.5)
+LEAVING_MPS2: Final = 0.2
+"""Mean of the latest fifth of a second against the window's."""
+
+PULLING_MPS2: Final = 0.1
+PULLING_AFTER_S: Final = 5.0
+REFERENCE_S: Final = 30.0
+"""The mean force of a rest so long does not change until it goes: a tram pulls off by
+0.2 m/s^2 and shakes no more than before. Who gets in tips a car by 0.05."""
+
+MAX_BIAS_DEVIATION_RADPS: Final = math.radians(1.0)
+"""A slow turn is no rest: a roundabout at walking pace turns 5 deg/s."""
+
+GRAVITY_MPS2: Final = 9.81
+MAX_GRAVITY_DEVIATION_MPS2: Final = 0.8
+"""|f| at rest: accelerometer bias and scale (datasheet: 50 mg and 3 %), and gravity
+itself, 9.78 to 9.83."""
+
+MOVING_MPS: Final = 0.7
+"""Speed of a receiver above which it contradicts rest; parked ones show up to this."""
+
+SURELY_MOVING_MPS: Final = 1.4
+
+GLIDE_FORCE_MPS2: Final = 0.1
+GLIDE_TURN_RADPS: Final = math.radians(0.3)
+STOPPED_SHARE: Final = 0.5
+"""A boat or a train may glide as quietly as it rests. Without a receiver it has stopped
+only if it was felt to brake: force that differs from the gliding body's by more than a
+little tilt, summed to half of its speed. What is felt in a bend is none of it."""
+
+STANDING_MPS: Final = 0.3
+AGREED_FIXES: Final = 3
+AGREED_FACTOR: Final = 4.0
+UNKNOWN_FACTOR: Final = 12.0
+UNKNOWN_BIAS_RADPS: Final = math.radians(0.1)
+"""While a receiver says, fix after fix, that the body stands, more shaking is allowed:
+an idling diesel, a fan, wind; and a propeller, as long as the gyro's bias is known
+worse than this. Rate and force must agree all the same. Its word comes late: only who
+tells rest in hindsight may use it."""
+
+
+class Rest(NamedTuple):
+    """What the sensors read while at rest, means over the window in body axes."""
+
+    gyro_radps: Vec3
+    accel_mps2: Vec3
+    duration_s: float
+    gyro_std_radps: float = 0.0  # about their mean, all axes together
+
+
+class StandstillDetector:
+    """Decides from steps whether the body rests.
+
+    Notes
+    -----
+    A rest ends when its mean force changes, and with another force none is claimed
+    until something has shaken. One sum is kept per quantity, so that a step costs the
+    same at any window.
+
+    Parameters
+    ----------
+    in_hindsight : bool
+        Rest is used a second or more after it was told.
+
+    Attributes
+    ----------
+    vibration : Vibration
+        How much this vehicle shakes, learnt from the receiver's speed.
+    """
+
+    def __init__(self, *, in_hindsight: bool = False) -> None:
+        self._in_hindsight = in_hindsight
+        self._steps: deque[ImuStep] = deque()
+        self._sums: tuple[float, ...] = (0.0,) * 9  # n, gyro, accel, their squares
+        self._rest_since_ns: int | None = None
+        self._speed_mps: float | None = None
+        self._speed_ns = 0
+        self._vetoed_until_ns = 0
+        self._n_slow = self._n_moving = 0
+        self._force: tuple[Vec3, float] | None = None  # of a rest, and its duration
+        self._accel: Vec3 = (0.0, 0.0, 0.0)
+        self._is_shaking = True
+        self._gliding: tuple[Vec3, float] | None = None  # its force, what is to brake
+        self._gyro_std = self._accel_std = math.inf
+        self.vibration = Vibration()
+
+    def observe_speed(self, t_ns: int, speed_mps: float) -> None:
+        """Hear the receiver's speed; learn the level of vibration that goes with it."""
+        self._speed_mps, self._speed_ns = speed_mps, t_ns
+        self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
+        if not math.isfinite(self._gyro_std):
+            return
+        is_gliding = speed_mps > MOVING_MPS and not self._is_shaking
+        to_brake_mps = STOPPED_SHARE * speed_mps
+        self._gliding = (self._accel, to_brake_mps) if is_gliding else None
+        # Of a car that pulls off the first window is half at rest.
+        self._n_moving = self._n_moving + 1 if speed_mps > SURELY_MOVING_MPS else 0
+        is_moving = self._n_moving > 1
+        if not is_moving and speed_mps > STANDING_MPS:
+            return  # neither surely at rest nor surely moving
+        self.vibration.learn(self._gyro_std, self._accel_std, is_moving=is_moving)
+
+    def veto(self, until_ns: int) -> None:
+        """Refuse rest until then: something else says that the body moves."""
+        self._vetoed_until_ns = until_ns
+        self._rest_since_ns = None
+
+    def add(
+        self,
+        step: ImuStep,
+        gyro_bias_radps: Vec3,
+        gyro_bias_sigma_radps: float,
+        speed_mps: float,
+        speed_sigma_mps: float,
+    ) -> Rest | None:
+        """Take one step; return the rest that it confirms, or None.
+
+        Parameters
+        ----------
+        step : ImuStep
+        gyro_bias_radps, gyro_bias_sigma_radps : Vec3, float
+            What the attitude filter believes of the bias.
+        speed_mps, speed_sigma_mps : float
+            What the filter believes of the horizontal speed.
+        """
+        if step.is_gap:
+            self._steps.clear()
+            self._sums = (0.0,) * 9
+            self._gyro_std = self._accel_std = math.inf
+            self._rest_since_ns = self._force = self._gliding = None
+            return None
+        self._slide(step)
+        if self._steps[-1].t_ns - self._steps[0].t_ns < 0.8 * WINDOW_NS:
+            self._rest_since_ns = None
+            return None
+        n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = self._sums
+        gyro, self._gyro_std = _mean_and_std(n, (gx, gy, gz), gyro_sq)
+        accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
+        deviation = math.dist(gyro, gyro_bias_radps)
+        agreed = 1.0
+        if self._receiver_rests(step.t_ns):
+            is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
+            agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
+        stds = self._gyro_std, self._accel_std
+        is_shaking = self.vibration.exceeds(*stds, factor=agreed)
+        self._is_shaking, self._accel = self.vibration.exceeds(*stds), accel
+        is_turning = deviation > GLIDE_TURN_RADPS + 3.0 * gyro_bias_sigma_radps
+        self._feel_braking(0.0 if is_turning else step.dt_s)
+        if is_shaking or agreed > 1.0:
+            self._force = None
+        is_quiet = (
+            not is_shaking
+            and not self._is_pulling(accel)
+            and deviation < MAX_BIAS_DEVIATION_RADPS + 3.0 * gyro_bias_sigma_radps
+            and abs(math.hypot(*accel) - GRAVITY_MPS2) < MAX_GRAVITY_DEVIATION_MPS2
+            and not self._is_leaving(gyro, accel)
+        )
+        if not is_quiet or self._is_contradicted(step.t_ns, speed_mps, speed_sigma_mps):
+            self._rest_since_ns = None
+            return None
+        if self._rest_since_ns is None:
+            self._rest_since_ns = step.t_ns
+        duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
+        self._remember_force(accel, step.dt_s)
+        if duration_s < CONFIRM_S:
+            return None
+        return Rest(gyro, accel, duration_s, self._gyro_std)
+
+    def _slide(self, step: ImuStep) -> None:
+        """Move the window on by a step."""
+        steps = self._steps
+        steps.append(step)
+        sums = _added(self._sums, step, 1.0)
+        while step.t_ns - steps[0].t_ns > WINDOW_NS:
+            sums = _added(sums, steps.popleft(), -1.0)
+        self._sums = sums
+
+    def _feel_braking(self, dt_s: float) -> None:
+        """Count down what a gliding body has still to brake; shaking ends the glide."""
+        if self._is_shaking:
+            self._gliding = None
+        elif self._gliding is not None:
+            force, to_brake_mps = self._gliding
+            felt_mps2 = math.dist(self._accel, force) - GLIDE_FORCE_MPS2
+            to_brake_mps -= max(felt_mps2, 0.0) * dt_s
+            self._gliding = (force, to_brake_mps) if to_brake_mps > 0.0 else None
+
+    def _is_leaving(self, gyro: Vec3, accel: Vec3) -> bool:
+        """Whether the latest steps differ from the window: a car pulls off.
+
+        The window's deviations see it only when half a second of it was lost.
+        """
+        latest = [self._steps[-i] for i in range(1, _LATEST_STEPS + 1)]
+        n = sum(s.n_samples for s in latest)
+        gyro_sums = [
+            sum(c) / n for c in zip(*(s.gyro_sum_radps for s in latest), strict=True)
+        ]
+        accel_sums = [
+            sum(c) / n for c in zip(*(s.accel_sum_mps2 for s in latest), strict=True)
+        ]
+        return (
+            math.dist(gyro_sums, gyro) > LEAVING_RADPS
+            or math.dist(accel_sums, accel) > LEAVING_MPS2
+        )
+
+    def _is_pulling(self, accel: Vec3) -> bool:
+        """Whether the force is no longer that of the rest before."""
+        if self._force is None:
+            return False
+        force, lasted_s = self._force
+        return lasted_s > PULLING_AFTER_S and math.dist(force, accel) > PULLING_MPS2
+
+    def _remember_force(self, accel: Vec3, dt_s: float) -> None:
+        """Average the force of a rest."""
+        (x, y, z), lasted_s = (accel, 0.0) if self._force is None else self._force
+        lasted_s = min(lasted_s + dt_s, REFERENCE_S)
+        share = dt_s / lasted_s
+        ax, ay, az = accel
+        mean = (x + share * (ax - x), y + share * (ay - y), z + share * (az - z))
+        self._force = mean, lasted_s
+
+    def _receiver_rests(self, t_ns: int) -> bool:
+        """Whether the receiver has said for some time that the body stands."""
+        return (
+            self._in_hindsight
+            and t_ns - self._speed_ns < 3e9
+            and self._n_slow >= AGREED_FIXES
+        )
+
+    def _is_contradicted(
+        self, t_ns: int, speed_mps: float, speed_sigma_mps: float
+    ) -> bool:
+        if t_ns < self._vetoed_until_ns:
+            return True
+        if self._speed_mps is not None and t_ns - self._speed_ns < 3e9:
+            return self._speed_mps > MOVING_MPS
+        # Without a receiver a smooth motorway or a train is told from a stop only by
+        # what was felt of braking, and the speed that the filter still remembers.
+        return self._gliding is not None or speed_mps > 1.0 + 3.0 * speed_sigma_mps
+
+
+def _added(sums: tuple[float, ...], step: ImuStep, sign: float) -> tuple[float, ...]:
+    n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = sums
+    sgx, sgy, sgz = step.gyro_sum_radps
+    sax, say, saz = step.accel_sum_mps2
+    return (
+        n + sign * step.n_samples,
+        gx + sign * sgx,
+        gy + sign * sgy,
+        gz + sign * sgz,
+        ax + sign * sax,
+        ay + sign * say,
+        az + sign * saz,
+        gyro_sq + sign * step.gyro_sq_sum,
+        accel_sq + sign * step.accel_sq_sum,
+    )
+
+
+def _mean_and_std(n: float, total: Vec3, sq_sum: float) -> tuple[Vec3, float]:
+    """Mean vector, and the standard deviation of all three axes together."""
+    x, y, z = total[0] / n, total[1] / n, total[2] / n
+    variance = sq_sum / n - (x * x + y * y + z * z)
+    return (x, y, z), math.sqrt(max(variance, 0.0))

@@ -1,0 +1,7 @@
+"""Recordings: format, files, editing, capture, replay and its score.
+
+In: frames or a path. Out: frames, scores, sensor reports. Not here: live sources
+(`sources/`), estimation.
+"""
+
+__all__ = ["capture", "edit", "files", "replay", "scoring", "sensor_report"]

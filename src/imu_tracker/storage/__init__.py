@@ -1,0 +1,8 @@
+"""Files that survive power cuts.
+
+In: rows and records. Out: the lat/long log, state and calibration files; append with
+repair of a torn tail, rotation, atomic replacement. Not here: the recording's format
+(`recording/`).
+"""
+
+__all__ = ["append_file", "calibration_file", "latlong", "state_file", "torn_lines"]

@@ -1,0 +1,37 @@
+"""Small files that are replaced as a whole: whoever reads finds the old or the new.
+
+What a newcomer gets wrong: a rename alone is not enough. Without the two syncs a power
+cut may leave the new name on an empty file.
+"""
+
+import contextlib
+import os
+from pathlib import Path
+
+from imu_tracker.storage.rotated_files import FILE_MODE, sync_directory
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Put data where a file is, or will be: all of it or nothing, and on the disk.
+
+    The new content is written beside it as `.NAME.new`, forced to the disk, renamed,
+    and the directory forced to the disk. Files are made 0640.
+
+    Raises
+    ------
+    OSError
+        When the disk refuses; what stood there before still stands.
+    """
+    new = path.with_name(f".{path.name}.new")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
+    try:
+        with os.fdopen(os.open(new, flags, FILE_MODE), "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+    sync_directory(path.parent)
