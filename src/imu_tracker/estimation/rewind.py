@@ -41,6 +41,10 @@ class Navigator(Protocol):
 
     in_hindsight: bool
 
+    @property
+    def contradicts_receiver(self) -> bool:
+        """Whether the receiver is followed alone, against the IMU."""
+
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
 
@@ -91,6 +95,7 @@ class Rewinding:
     """Drives an estimator by snapshots of the last seconds."""
 
     in_hindsight = False
+    contradicts_receiver = False
 
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator

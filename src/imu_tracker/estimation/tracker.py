@@ -312,7 +312,7 @@ class Tracker:
             no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
             said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
             self._notices.append(said)
-        if not has_imu:
+        if not has_imu or self._navigator.contradicts_receiver:
             return Mode.GPSONLY
         if self._last_rest is not None:
             return Mode.STILL

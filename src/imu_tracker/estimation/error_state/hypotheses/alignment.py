@@ -204,7 +204,7 @@ class Alignment:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
 
-    def lose(self) -> None:
+    def lose(self, notice: str = "the orientation was lost; learnt anew") -> None:
         """Level anew and find north anew: the attitude, or the mounting, is wrong."""
         is_vehicle = self._carrier.is_vehicle
         for eskf in self._bank.filters:
@@ -217,7 +217,7 @@ class Alignment:
         self.level_q, self._level_s, self._level_dv = None, 0.0, (0.0, 0.0, 0.0)
         self.is_aligned = self.is_memory_unproved = self._is_memory_tried = False
         self.start()
-        self._notify("the orientation was lost; learnt anew")
+        self._notify(notice)
 
     # ---------------------------------------------------------------- with each fix
 
