@@ -42,6 +42,15 @@ def test_an_imu_that_was_right_for_an_hour_loses_within_five_seconds() -> None:
     assert odds.nats < LOST_NATS
 
 
+def test_a_heading_is_not_believed_before_some_seconds_of_fixes() -> None:
+    odds = Odds()
+    for _ in range(5):
+        odds.compare(0.0, -3.0, 1.0)
+    assert odds.imu_weight < 0.98
+    odds.doubt()
+    assert odds.imu_weight < 0.9
+
+
 def test_an_imu_that_proves_itself_comes_back_later_each_time() -> None:
     odds, waited = Odds(), []
     for _ in range(3):

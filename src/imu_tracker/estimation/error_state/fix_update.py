@@ -139,7 +139,7 @@ class FixUpdate:
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
         verdict = self._weigh(fix, ahead_s, position, S, geometry)
-        if verdict is Verdict.IMU_LOST:
+        if verdict is Verdict.IMU_LOST and not self._saves_heading():
             self._relearn(fix)
             return FixOutcome.ACCEPTED
         if verdict is Verdict.IMU_BACK:
@@ -197,6 +197,13 @@ class FixUpdate:
             S = eskf.innovation_covariance(velocity) + noise.late_var * np.eye(2)
             imu += log_likelihood(velocity.z, S)
         return self.odds.compare(imu, alone, receiver.period_s)
+
+    def _saves_heading(self) -> bool:
+        """Whether another heading is there that makes the IMU true."""
+        if not self._alignment.take_other_heading():
+            return False
+        self.odds.pardon()
+        return True
 
     def _relearn(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
@@ -261,6 +268,7 @@ class FixUpdate:
         if is_again and is_doubtful:
             self._alignment.lose()
             self._restarted_ns = None
+        self.odds.doubt()
         self._begin_at(fix)
 
     def _begin_at(self, fix: GpsFix) -> None:

@@ -129,7 +129,7 @@ class Alignment:
         self.is_aligned = False
         self.agnostic: Eskf | None = None
         self.is_memory_unproved = self._is_memory_tried = False
-        self._is_memory_fresh = False
+        self._is_memory_fresh = self._is_half_turn_tried = False
         self._with_memory: Eskf | None = None
 
     @property
@@ -221,18 +221,37 @@ class Alignment:
 
     # ---------------------------------------------------------------- with each fix
 
+    def take_other_heading(self) -> bool:
+        """Save the IMU by another heading, if one on trial foretells the fixes better.
+
+        Returns
+        -------
+        bool
+            Whether there was one.
+        """
+        if not self._bank.take_heading():
+            return False
+        self._settle(is_other=True)
+        return True
+
     def judge(self, main: float, challenger: float, period_s: float) -> None:
         """Let the likelihood of the fix decide between the filters."""
         heading = self._bank.judge(main, challenger, period_s)
-        if heading is None:
-            return
+        if heading is not None:
+            self._settle(is_other=heading)
+
+    def _settle(self, *, is_other: bool) -> None:
+        """Draw the conclusions of a trial of headings."""
         if self._is_memory_tried:
             self._is_memory_tried = self.is_memory_unproved = False
-            if heading:
+            if is_other:
                 self._notify(_VERDICTS[self._bank.main is self._with_memory])
             self._with_memory = None
-        elif heading:
+        elif is_other:
             self._notify("the heading was wrong; learnt anew")
+        elif self._is_half_turn_tried:
+            self._notify("the box sits with its x axis backwards")
+        self._is_half_turn_tried = False
         self.agnostic = None
         self._yaw_bank.forget()
 
@@ -246,14 +265,18 @@ class Alignment:
             self._try_memory(fix)
 
     def _mind_reverse(self) -> None:
-        """Nobody goes backwards so fast: the box sits turned by half a turn."""
+        """So fast backwards: the box, or the heading, is half a turn off."""
         if not self._carrier.is_vehicle or not self.is_aligned:
             return
         main = self._bank.main
         if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
+            candidate = main.clone(main.noise)
+            turn(candidate, math.pi)
+            candidate.forget_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
             for eskf in self._bank.filters:
                 eskf.turn_mounting_half()
-            self._notify("the box sits with its x axis backwards")
+            self._is_memory_tried, self._is_half_turn_tried = False, True
+            self._bank.challenge_heading(candidate)
 
     def _ask_yaw_bank(
         self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel

@@ -23,7 +23,7 @@ LOST_NATS: Final = -4.0
 """50 to 1 against the IMU."""
 
 TRIAL_NATS: Final = 0.3
-"""What an IMU on trial earns in a second: a straight road proves no gyro."""
+"""What an IMU or a heading on trial earns in a second: a straight road proves none."""
 
 AGAIN_NATS: Final = 2.0
 DOUBT_NATS: Final = 6.0
@@ -51,11 +51,13 @@ class Odds:
     nats : float
     is_imu_out : bool
         Whether the IMU is relearnt, and has yet to prove itself.
+    is_proved : bool
+        Whether it has foretold the fixes better for long enough, with its heading.
     """
 
     def __init__(self) -> None:
         self.nats = START_NATS
-        self.is_imu_out = False
+        self.is_imu_out = self.is_proved = False
         self._n_lost = 0
 
     @property
@@ -70,9 +72,10 @@ class Odds:
 
     def compare(self, imu: float, alone: float, period_s: float) -> Verdict:
         """Take the log-likelihoods of the same fix under both."""
-        most = TRIAL_NATS if self.is_imu_out else FIX_NATS
+        most = FIX_NATS if self.is_proved else TRIAL_NATS
         better = min(max(imu - alone, -FIX_NATS), most)
         self.nats = min(self.nats + better * min(period_s, 1.0), MOST_NATS)
+        self.is_proved = self.is_proved or self.nats >= MOST_NATS
         if self.is_imu_out:
             self.nats = max(self.nats, self._floor)
             if self.nats > AGAIN_NATS:
@@ -81,8 +84,18 @@ class Odds:
         elif self.nats < LOST_NATS:
             self._n_lost = min(self._n_lost + 1, MOST_DOUBTS)
             self.is_imu_out, self.nats = True, self._floor
+            self.is_proved = False
             return Verdict.IMU_LOST
         return Verdict.NONE
+
+    def pardon(self) -> None:
+        """Take the last loss back: it was the heading's, not the IMU's."""
+        self._n_lost -= 1
+        self.is_imu_out, self.nats = False, 0.0
+
+    def doubt(self) -> None:
+        """Take another heading, or another start, on trial."""
+        self.nats, self.is_proved = min(self.nats, START_NATS), False
 
     @property
     def _floor(self) -> float:

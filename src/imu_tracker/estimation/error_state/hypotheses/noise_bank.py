@@ -92,6 +92,13 @@ class NoiseBank:
             return self._end_trial(is_won=False)
         return None
 
+    def take_heading(self) -> bool:
+        """Take the other heading at once if it leads; return whether it did."""
+        if not self.is_heading_trial or self._lead <= 0.0:
+            return False
+        self._end_trial(is_won=True)
+        return True
+
     def _end_trial(self, *, is_won: bool) -> bool | None:
         verdict = is_won if self.is_heading_trial else None
         if is_won:
