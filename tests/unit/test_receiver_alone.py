@@ -8,6 +8,7 @@ from filterpy.kalman import KalmanFilter
 
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     RESTART_FIXES,
+    SPEED_LASTS_S,
     FixNoise,
     ReceiverAlone,
 )
@@ -49,7 +50,13 @@ def test_it_is_a_kalman_filter_of_constant_velocity() -> None:
     oracle.R, oracle.H = np.diag([1.0, 1.0, 0.04, 0.04]), np.eye(4)
     oracle.F = np.eye(4) + np.eye(4, k=2)
     eye = np.eye(2)
-    oracle.Q = PSD * np.block([[eye / 3, eye / 2], [eye / 2, eye]])
+    after_s = np.linspace(0.0, 1.0, 10_001)  # of a push, by the end of the second
+    speed = np.exp(-after_s / SPEED_LASTS_S)
+    way = SPEED_LASTS_S * (1.0 - speed)
+    pp, pv, vv = (
+        np.trapezoid(product, after_s) for product in (way**2, way * speed, speed**2)
+    )
+    oracle.Q = PSD * np.block([[eye * pp, eye * pv], [eye * pv, eye * vv]])
     oracle.x[2:] = 5.0, -3.0
     take(alone, fix_at(0.0, 0.0, 0.0, (5.0, -3.0)))
     for t in range(1, 30):

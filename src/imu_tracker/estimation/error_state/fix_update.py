@@ -139,16 +139,18 @@ class FixUpdate:
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
         verdict = self._weigh(fix, ahead_s, position, S, geometry)
-        if verdict is Verdict.IMU_LOST and not self._saves_heading():
-            self._relearn(fix)
+        if verdict is Verdict.IMU_LOST:
+            if not self._saves_imu(fix):
+                self._relearn(fix)
             return FixOutcome.ACCEPTED
         if verdict is Verdict.IMU_BACK:
             self._notify("the IMU agrees with the receiver again")
         if not self._gate.passes(nis):
+            has_lead = self.odds.has_imu_lead
             if self._gate.reject(fix):
                 self._restart(fix)
-                return FixOutcome.REACQUIRED
-            if not self.odds.has_imu_lead:
+                return FixOutcome.REACQUIRED if has_lead else FixOutcome.ACCEPTED
+            if not has_lead:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
@@ -198,16 +200,22 @@ class FixUpdate:
             imu += log_likelihood(velocity.z, S)
         return self.odds.compare(imu, alone, receiver.period_s)
 
-    def _saves_heading(self) -> bool:
-        """Whether another heading is there that makes the IMU true."""
-        if not self._alignment.take_other_heading():
-            return False
+    def _saves_imu(self, fix: GpsFix) -> bool:
+        """Whether it was only a heading that was wrong, by trial or by guess."""
+        alignment = self._alignment
+        is_guess = alignment.agnostic is not None
+        if not alignment.take_other_heading():
+            if not is_guess:
+                return False
+            alignment.doubt_course()
+        self._begin_at(fix)
         self.odds.pardon()
         return True
 
     def _relearn(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
         self._alignment.lose("the IMU contradicts the receiver: GPS alone")
+        self._alignment.doubt_course()
         self._restarted_ns = None
         fresh = start_covariance(is_vehicle=False).diagonal()
         for eskf in self._bank.filters:

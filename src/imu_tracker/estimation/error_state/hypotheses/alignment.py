@@ -74,6 +74,9 @@ PATIENCE_S: Final = 5.0
 """For so long of a usable course the bank is heard first: pulling off shows it in some
 seconds whether the box sits turned; on a steady road it never can."""
 
+DOUBTED_PATIENCE_S: Final = 60.0
+"""And for so long once a course has proved to be no heading."""
+
 LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
 """Known worse than this, an angle is sooner found anew than mended: a filter that is
@@ -123,7 +126,7 @@ class Alignment:
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
-        self._waited_s = 0.0
+        self._waited_s, self._patience_s = 0.0, PATIENCE_S
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
@@ -161,6 +164,10 @@ class Alignment:
         self._yaw_bank.forget()
         self.agnostic = None
         self._waited_s, self._n_contradicted = 0.0, 0
+
+    def doubt_course(self) -> None:
+        """Wait for accelerations to show the heading: the course was none."""
+        self._patience_s = DOUBTED_PATIENCE_S
 
     # --------------------------------------------------------------- with each step
 
@@ -222,16 +229,24 @@ class Alignment:
     # ---------------------------------------------------------------- with each fix
 
     def take_other_heading(self) -> bool:
-        """Save the IMU by another heading, if one on trial foretells the fixes better.
+        """Save the IMU by another heading: one on trial that leads, or the yaw bank's.
 
         Returns
         -------
         bool
             Whether there was one.
         """
-        if not self._bank.take_heading():
+        if self._bank.take_heading():
+            self._settle(is_other=True)
+            return True
+        yaw_rad, sigma_rad = self._yaw_bank.answer()
+        if self.agnostic is not None or not _contradicts(yaw_rad, sigma_rad):
             return False
-        self._settle(is_other=True)
+        self._bank.challenge_noise()
+        self._is_memory_tried = self._is_half_turn_tried = False
+        self._take_yaw(yaw_rad, GUESS_SIGMA_RAD)
+        self._yaw_bank.forget()
+        self._notify("the heading was wrong; learnt anew")
         return True
 
     def judge(self, main: float, challenger: float, period_s: float) -> None:
@@ -337,7 +352,7 @@ class Alignment:
             return
         course_rad, course_sigma_rad = course
         main = self._bank.main
-        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < PATIENCE_S:
+        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < self._patience_s:
             self._waited_s += period_s
             return
         wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)

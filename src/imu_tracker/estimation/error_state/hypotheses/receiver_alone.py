@@ -30,6 +30,10 @@ RESTART_FIXES: Final = 3
 SETTLING_NS: Final = 3_000_000_000
 """After a start it has not yet foretold anything."""
 
+SPEED_LASTS_S: Final = 30.0
+"""Roads turn and lights change: after so long a deviation from the old way is over, and
+does not add up without an end."""
+
 LONGEST_S: Final = 10.0
 """Beyond this gap it begins anew rather than guess where it went."""
 
@@ -73,7 +77,8 @@ class ReceiverAlone:
 
     Notes
     -----
-    p' = p + v dt, v' = v + white acceleration of density q; z = (p, v) + noise.
+    p' = p + v dt, z = (p, v) + noise. Between fixes v deviates by an Ornstein-Uhlenbeck
+    process, driven by white acceleration of density q: over seconds a random walk.
     """
 
     def __init__(self, max_speed_mps: float) -> None:
@@ -163,7 +168,11 @@ class ReceiverAlone:
 
     def _grown(self, dt_s: float, accel_psd: float) -> Array:
         F = np.array([[1.0, dt_s], [0.0, 1.0]])
-        Q = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
+        tau = SPEED_LASTS_S
+        once, twice = 1.0 - math.exp(-dt_s / tau), 1.0 - math.exp(-2.0 * dt_s / tau)
+        q_pp = tau**2 * (dt_s - 2.0 * tau * once + 0.5 * tau * twice)
+        q_pv, q_vv = 0.5 * (tau * once) ** 2, 0.5 * tau * twice
+        Q = np.array([[q_pp, q_pv], [q_pv, q_vv]])
         grown: Array = F @ self._P @ F.T + accel_psd * Q
         return grown
 
