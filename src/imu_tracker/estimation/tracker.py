@@ -23,7 +23,6 @@ from imu_tracker.estimation.rewind import (
     Navigator,
     Rewinding,
 )
-from imu_tracker.estimation.six_state.estimator import SixState
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
 from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
@@ -88,6 +87,9 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
         if prior is not None:
             prior = _later(prior, -latency_s)
         return ErrorState(settings.profile, settings.lever_arm_m, prior)
+    # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
+    from imu_tracker.estimation.six_state.estimator import SixState
+
     profile = "free" if settings.profile == "auto" else settings.profile
     return Rewinding(SixState(profile, settings.lever_arm_m))
 
