@@ -194,13 +194,15 @@ class ErrorState:
     @property
     def contradicts_receiver(self) -> bool:
         """Whether the IMU is being relearnt, and the receiver is followed alone."""
-        return self._fixes.odds.is_imu_out
+        return self._fixes.comparison.odds.is_imu_out
 
     @property
     def _has_imu_lead(self) -> bool:
         fixes = self._fixes
         is_silent = self._propagation.is_imu_silent
-        return not fixes.alone.is_running or (fixes.odds.has_imu_lead and not is_silent)
+        return not fixes.comparison.alone.is_running or (
+            fixes.comparison.odds.has_imu_lead and not is_silent
+        )
 
     def estimate_after(self, dt_s: float) -> Estimate:
         """Place of the leading hypothesis, and the radius that holds both."""
@@ -210,7 +212,7 @@ class ErrorState:
         here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
         apart_m = math.hypot(*here.to_ne(alone.lat_rad, alone.lon_rad))
         is_silent = self._propagation.is_imu_silent
-        weight = 0.0 if is_silent else self._fixes.odds.imu_weight
+        weight = 0.0 if is_silent else self._fixes.comparison.odds.imu_weight
         leader, other, share = imu, alone, weight
         if not self._has_imu_lead:
             leader, other, share = alone, imu, 1.0 - weight
@@ -221,7 +223,7 @@ class ErrorState:
 
     def _by_receiver(self, dt_s: float) -> Estimate | None:
         """Estimate without an IMU; height and attitude are the filter's."""
-        if not self._fixes.alone.is_running:
+        if not self._fixes.comparison.alone.is_running:
             return None
         eskf, at = self._eskf, self._alone_at(dt_s)
         alt_origin_m = self._fixes.alt_origin_m
@@ -234,7 +236,9 @@ class ErrorState:
         """State of the receiver's hypothesis `dt_s` after the last step."""
         after_s = dt_s + self._eskf.delay_s
         t_ns = self._trail.now_ns + round(after_s * 1e9) + self._shift_ns
-        return self._fixes.alone.estimate_at(t_ns, self._carrier.unknown_accel_psd)
+        return self._fixes.comparison.alone.estimate_at(
+            t_ns, self._carrier.unknown_accel_psd
+        )
 
     def _by_imu(self, dt_s: float) -> Estimate:
         """Predict from the filter's instant to one after the last step."""
@@ -373,7 +377,7 @@ class ErrorState:
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,
             "hypotheses": {
-                "imu": fixes.odds.imu_weight,
-                "receiver_alone": 1.0 - fixes.odds.imu_weight,
+                "imu": fixes.comparison.odds.imu_weight,
+                "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,
             },
         }

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
-from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
-from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
+from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
+from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.hypotheses.receiver_alone import ReceiverAlone
 from imu_tracker.estimation.error_state.hypotheses.reorient import forget_gyro_bias
 from imu_tracker.estimation.error_state.platform import Carrier
 from imu_tracker.estimation.error_state.propagation import (
@@ -20,7 +20,6 @@ from imu_tracker.estimation.error_state.propagation import (
     Propagation,
 )
 from imu_tracker.estimation.error_state.receiver_model import (
-    FixGeometry,
     ReceiverModel,
     geometry_of,
     log_likelihood,
@@ -32,11 +31,10 @@ from imu_tracker.estimation.error_state.states import (
     POSITION,
     RECEIVER,
     VELOCITY,
-    Array,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
-from imu_tracker.estimation.receiver.gate import MAX_SPEED_MPS, FixOutcome, Gate
+from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.samples import GpsFix, Vec3
 
 BELIEVED_SIGMAS: Final = 2.5
@@ -64,10 +62,8 @@ class FixUpdate:
     Attributes
     ----------
     receiver : ReceiverModel
-    alone : ReceiverAlone
-        The hypothesis without an IMU.
-    odds : Odds
-        Of the filters against it.
+    comparison : Comparison
+        Of the filters with the receiver alone.
     alt_origin_m : float or None
         Height of the origin of positions, once a fix has told it.
     doubt_m : float
@@ -95,8 +91,7 @@ class FixUpdate:
         self.doubt_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0
         self._n_used = 0
-        self.alone = ReceiverAlone(MAX_SPEED_MPS[carrier.profile])
-        self.odds = Odds()
+        self.comparison = Comparison(carrier)
         self._restarted_ns: int | None = None
 
     @property
@@ -112,7 +107,7 @@ class FixUpdate:
     def change_profile(self) -> None:
         """Gate by what the carrier may do now."""
         self._gate = Gate(self._carrier.profile)
-        self.alone.max_speed_mps = MAX_SPEED_MPS[self._carrier.profile]
+        self.comparison.change_profile()
 
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
@@ -138,7 +133,10 @@ class FixUpdate:
         position = receiver.position(eskf, fix, frame, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        verdict = self._weigh(fix, ahead_s, position, S, geometry)
+        has_say = is_aligned and not self._propagation.is_imu_silent
+        verdict = self.comparison.weigh(
+            *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
+        )
         if verdict is Verdict.IMU_LOST:
             if not self._saves_imu(fix):
                 self._relearn(fix)
@@ -146,7 +144,7 @@ class FixUpdate:
         if verdict is Verdict.IMU_BACK:
             self._notify("the IMU agrees with the receiver again")
         if not self._gate.passes(nis):
-            has_lead = self.odds.has_imu_lead
+            has_lead = self.comparison.odds.has_imu_lead
             if self._gate.reject(fix):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED if has_lead else FixOutcome.ACCEPTED
@@ -160,7 +158,7 @@ class FixUpdate:
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
         is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
-        if is_tracking and self.odds.has_imu_lead:
+        if is_tracking and self.comparison.odds.has_imu_lead:
             # The fix as it is, not as it counts: votes would make any receiver shine.
             S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
@@ -175,31 +173,6 @@ class FixUpdate:
         self._propagation.dark_s = 0.0
         return FixOutcome.ACCEPTED
 
-    def _weigh(
-        self,
-        fix: GpsFix,
-        ahead_s: float,
-        position: Measurement,
-        S: Array,
-        geometry: FixGeometry,
-    ) -> Verdict:
-        """Compare how the filter, and the receiver alone, foretold the fix."""
-        eskf, receiver = self._bank.main, self.receiver
-        noise = receiver.noise(fix, position)
-        instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
-        psd = self._carrier.unknown_accel_psd
-        was_settled = self.alone.is_settled
-        alone = self.alone.update(fix, instant_ns, noise, psd)
-        has_say = self._alignment.is_aligned and not self._propagation.is_imu_silent
-        if alone is None or not was_settled or not has_say:
-            return Verdict.NONE
-        imu = log_likelihood(position.z, S)
-        velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        if velocity is not None:
-            S = eskf.innovation_covariance(velocity) + noise.late_var * np.eye(2)
-            imu += log_likelihood(velocity.z, S)
-        return self.odds.compare(imu, alone, receiver.period_s)
-
     def _saves_imu(self, fix: GpsFix) -> bool:
         """Whether it was only a heading that was wrong, by trial or by guess."""
         alignment = self._alignment
@@ -209,7 +182,7 @@ class FixUpdate:
                 return False
             alignment.doubt_course()
         self._begin_at(fix)
-        self.odds.pardon()
+        self.comparison.odds.pardon()
         return True
 
     def _relearn(self, fix: GpsFix) -> None:
@@ -257,7 +230,7 @@ class FixUpdate:
         if velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
             is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
-            is_tracking = is_tracking and self.odds.has_imu_lead
+            is_tracking = is_tracking and self.comparison.odds.has_imu_lead
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
@@ -272,11 +245,11 @@ class FixUpdate:
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
-        is_doubtful = fix.vel_ne_mps is None or self.odds.nats < 0.0
+        is_doubtful = fix.vel_ne_mps is None or self.comparison.odds.nats < 0.0
         if is_again and is_doubtful:
             self._alignment.lose()
             self._restarted_ns = None
-        self.odds.doubt()
+        self.comparison.odds.doubt()
         self._begin_at(fix)
 
     def _begin_at(self, fix: GpsFix) -> None:
