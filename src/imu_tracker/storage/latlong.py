@@ -259,7 +259,7 @@ def read_rows(path: Path) -> Iterator[LogRow]:
             try:
                 if number == 1:
                     raise ValueError
-                yield _parsed(line)
+                yield parse_row(line)
             except ValueError as error:
                 expected = f"{'the header' if number == 1 else 'a row of'} {HEADER}"
                 raise LogError(
@@ -270,7 +270,8 @@ def read_rows(path: Path) -> Iterator[LogRow]:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
 
 
-def _parsed(line: bytes) -> LogRow:
+def parse_row(line: bytes) -> LogRow:
+    """Read one line, without its newline; ValueError when it is no row."""
     match = _ROW.fullmatch(line)
     if match is None:
         raise ValueError
