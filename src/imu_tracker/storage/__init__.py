@@ -11,5 +11,6 @@ __all__ = [
     "latlong",
     "log_tail",
     "state_file",
+    "status_file",
     "torn_lines",
 ]
