@@ -228,6 +228,16 @@ class LogTail:
         return row if row.utc_s > self._after_s else None
 
 
+def newest_utc_s(path: Path) -> float:
+    """Return the time of the newest row of a log; -inf when it has none yet."""
+    with suppress(OSError), path.open("rb") as file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - _BLOCK_BYTES))
+        for line in reversed(file.read(_BLOCK_BYTES).split(b"\n")[:-1]):
+            with suppress(ValueError):
+                return parse_row(line).utc_s
+    return -math.inf
+
+
 def _stamp(path: Path, name: str) -> str:
     """Return the UTC in the name of a rotated file; "" for one without."""
     stamp = name.removeprefix(f"{path.name.removesuffix('.gz').rpartition('.')[0]}-")
