@@ -1,4 +1,4 @@
-"""Open connections of one kind: so many and no more, and nobody waits for a slow one."""
+"""Open connections of one kind: so many and no more, none waits for a slow one."""
 
 import asyncio
 import contextlib
@@ -6,7 +6,7 @@ import socket
 from typing import Final
 
 MAX_WAITING: Final = 1_000_000
-"""Bytes that a peer has not taken: then it is closed. A history has a quarter of that."""
+"""Bytes that a peer has not taken, then it is closed; a history has a quarter."""
 
 GONE_MS: Final = 30_000
 """What was sent and not acknowledged for so long closes a connection: a telephone that
