@@ -7,8 +7,9 @@ from imu_tracker.commands.common import Subparsers, add_command, add_config, con
 _DESCRIPTION = """\
 Show the running track to others: a live page for a browser (serve.page), gpsd JSON
 for cgps, gpspipe, python3-gps or a gpsd that relays it (serve.gpsd), and NMEA 0183 by
-TCP for chart plotters (serve.nmea). A program of its own: it reads the log and the status file,
-and the daemon does not notice whether it runs. SIGTERM and SIGINT end it."""
+TCP for chart plotters (serve.nmea). A program of its own: it reads the log and the
+status file, and the daemon does not notice whether it runs. SIGTERM and SIGINT end
+it."""
 
 _EXAMPLES = """\
   imu-tracker serve --config /etc/imu-tracker/imu-tracker.toml

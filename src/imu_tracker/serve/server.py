@@ -129,10 +129,12 @@ class Server:
             if len(self._json):
                 self._json.send(gpsd_session.line(gpsd_session.tpv(shown)))
             if len(self._nmea) or len(self._sentences):
-                limit_m = self._config.serve.nmea_limit_m
-                data = nmea_sentences.sentences(shown, limit_m)
+                data = self._sentences_of(shown)
                 self._nmea.send(data)
                 self._sentences.send(data)
+
+    def _sentences_of(self, shown: Shown) -> bytes:
+        return nmea_sentences.sentences(shown, self._config.serve.nmea_limit_m)
 
     # ------------------------------------------------------------------- who asks
 
@@ -191,6 +193,8 @@ class Server:
         if self._nmea.is_full:
             return
         self._nmea.add(writer)
+        if self._view.last is not None and not self._view.away:
+            send(writer, self._sentences_of(self._view.last))
         try:
             await _until_closed(reader)
         finally:
