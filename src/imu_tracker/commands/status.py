@@ -1,9 +1,6 @@
 """`imu-tracker status`: what the running daemon is doing."""
 
 import argparse
-import json
-import operator
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -20,12 +17,7 @@ from imu_tracker.commands.common import (
 )
 from imu_tracker.errors import NotRunningError
 from imu_tracker.sensors import pi_advice as mending
-
-STALE_S: Final = 5.0
-"""The daemon writes each second; after this long it hangs, or is gone."""
-
-_MAX_CHARACTERS: Final = 1_000_000
-"""A hundred times what the daemon writes."""
+from imu_tracker.storage import status_file
 
 _CLEAR: Final = "\x1b[H\x1b[2J"
 
@@ -80,52 +72,14 @@ def read_status(path: Path) -> tuple[str, dict[str, Any]]:
     Raises
     ------
     NotRunningError
-        When there is no daemon, or it stopped writing.
+        When there is no daemon, it stopped writing, or this user may not read it.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MAX_CHARACTERS)
-        status = json.loads(text)
-        age_s = (time.monotonic_ns() - operator.index(status["t_ns"])) / 1e9
-    except FileNotFoundError as error:
-        raise NotRunningError(f"imu-tracker is not running: no {path}") from error
+        return status_file.read_status(path)
     except PermissionError as error:
         raise NotRunningError(
             f"{path}: no permission: {mending.join_group(path, 'imu-tracker')}"
         ) from error
-    except OSError as error:
-        raise NotRunningError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise NotRunningError(f"{path}: not a status of imu-tracker") from error
-    if age_s < 0:  # CLOCK_MONOTONIC began anew
-        raise NotRunningError(
-            f"imu-tracker is not running: {path} is of before the last start of "
-            "this computer"
-        )
-    pid = status.get("pid")
-    if not _is_alive(pid):
-        raise NotRunningError(
-            f"imu-tracker is not running: {path} was left by process {pid}, which was "
-            f"killed; it is {age_s:.0f} s old"
-        )
-    if age_s > STALE_S:
-        raise NotRunningError(
-            f"imu-tracker hangs (process {pid}): {path} is {age_s:.0f} s old"
-        )
-    return text, status
-
-
-def _is_alive(pid: object) -> bool:
-    """Whether the process is there, also one of another user."""
-    if not isinstance(pid, int) or pid <= 0:
-        return False
-    try:
-        os.kill(pid, 0)
-    except PermissionError:
-        return True
-    except (ProcessLookupError, OverflowError):
-        return False
-    return True
 
 
 def _lines(status: dict[str, Any]) -> Iterator[str]:
