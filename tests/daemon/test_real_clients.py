@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from browser import CHROMIUM, browsing
-from imu_tracker.sensors.gnss.epoch_reader import EpochReader
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader, Positions
 from imu_tracker.sensors.gnss.network_port import GpsdPort
 from imu_tracker.sensors.gnss.port import TimedLines
 from nmea_text import gga, rmc
@@ -69,7 +69,7 @@ def served(daemon: Daemon) -> Iterator[Served]:
 
 
 def run(*arguments: str, **options: Any) -> str:
-    done = subprocess.run(
+    done: subprocess.CompletedProcess[str] = subprocess.run(
         arguments, capture_output=True, text=True, timeout=60, check=False, **options
     )
     return done.stdout
@@ -221,7 +221,8 @@ def test_a_receiver_behind_a_real_gpsd_is_a_receiver() -> None:
         speaker = threading.Thread(target=speak)
         speaker.start()
         try:
-            lines, reader, positions = TimedLines(0, 0), EpochReader(), []
+            lines, reader = TimedLines(0, 0), EpochReader()
+            positions: Positions = []
             end = time.monotonic() + 20
             while not positions and time.monotonic() < end:
                 now_ns = time.monotonic_ns()

@@ -132,6 +132,11 @@ def test_the_page_says_that_the_daemon_is_away_and_that_it_is_back(
         page.until("data: ", '"away":""')
 
 
+def test_a_relaying_gpsd_asks_nothing_and_gets_reports(served: Served) -> None:
+    with client(served.ports["gpsd"]) as relay:
+        relay.until('{"class":"TPV"')
+
+
 def test_rotation_deletion_and_a_flood_are_followed(
     daemon: Daemon, served: Served
 ) -> None:
@@ -251,7 +256,7 @@ def failing(daemon: Daemon, *settings: str) -> tuple[int, str]:
     chosen = [f"log.path={daemon.log}", "serve.page=", "serve.nmea=", *settings]
     arguments = [part for key in chosen for part in ("--set", key)]
     done = subprocess.run(
-        [sys.executable, "-m", "imu_tracker", "-q", "serve", *arguments],
+        [sys.executable, "-m", "imu_tracker", "serve", "-q", *arguments],
         capture_output=True,
         text=True,
         check=False,

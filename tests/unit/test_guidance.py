@@ -32,7 +32,7 @@ def gpx(body: str) -> str:
 def test_half_a_mile_before_the_corner_and_beside_the_leg() -> None:
     told = Guide(ROUTE, 30.0, 100.0).at(row(-0.5 / 60, 0.1 / 60))
     assert (told.state, told.waypoint.name) == (GuideState.ON_THE_WAY, "corner")
-    assert (told.number, told.count) == (2, 3)
+    assert (told.number, told.total) == (2, 3)
     assert told.cross_track_m == pytest.approx(0.1 * MILE_M, rel=1e-4)  # to the right
     assert told.distance_m == pytest.approx(MILE_M * 0.26**0.5, rel=1e-4)
     assert told.bearing_deg == pytest.approx(360 - 11.31, abs=0.01)

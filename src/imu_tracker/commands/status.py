@@ -1,12 +1,15 @@
 """`imu-tracker status`: what the running daemon is doing."""
 
 import argparse
+import json
+import logging
+import math
 import sys
 import time
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from imu_tracker.commands.common import (
     Subparsers,
@@ -15,9 +18,15 @@ from imu_tracker.commands.common import (
     config_of,
     write,
 )
-from imu_tracker.errors import NotRunningError
+from imu_tracker.errors import NotRunningError, TrackerError
 from imu_tracker.sensors import pi_advice as mending
 from imu_tracker.storage import status_file
+
+if TYPE_CHECKING:
+    from imu_tracker.config import Config
+    from imu_tracker.guidance.guide import Guide
+
+log = logging.getLogger(__name__)
 
 _CLEAR: Final = "\x1b[H\x1b[2J"
 
@@ -47,22 +56,51 @@ def add_status(subparsers: Subparsers) -> None:
 
 def run_status(args: argparse.Namespace) -> int:
     """Print the status once, or each second."""
-    path = config_of(args).status.path
+    config = config_of(args)
+    path, guide = config.status.path, _guide_of(config)
     if not args.watch:
-        write(_page(path, is_json=args.json))
+        write(_page(path, guide, is_json=args.json))
         return 0
     clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
     try:
         while True:
-            write(clear + _page(path, is_json=args.json))
+            write(clear + _page(path, guide, is_json=args.json))
             sys.stdout.flush()
             time.sleep(1)
     except KeyboardInterrupt:
         return 0
 
 
-def _page(path: Path, *, is_json: bool) -> str:
+def _guide_of(config: "Config") -> "Guide | None":
+    """Return who guides; a route that is missing or bad is told."""
+    if config.guide.route is None:
+        return None
+    from imu_tracker.guidance.guide import Guide
+    from imu_tracker.guidance.route import read_route
+
+    try:
+        route = read_route(config.guide.route)
+    except TrackerError as error:
+        log.warning("no guidance: %s", error)
+        return None
+    return Guide(route, config.guide.arrival_m, config.guide.limit_m)
+
+
+def _guidance(guide: "Guide", row: dict[str, Any]) -> dict[str, Any]:
+    """Return what the last row means on the route."""
+    from imu_tracker.storage.latlong import LogRow
+
+    places = {name: row.get(name) for name in LogRow._fields[1:7]}
+    numbers = {n: math.nan if v is None else float(v) for n, v in places.items()}
+    row_then = LogRow(utc_s=0.0, mode=str(row.get("mode")), **numbers)
+    return guide.at(row_then).summary()
+
+
+def _page(path: Path, guide: "Guide | None", *, is_json: bool) -> str:
     text, status = read_status(path)
+    if guide is not None and isinstance(row := status.get("row"), dict):
+        status["guide"] = _guidance(guide, row)
+        text = json.dumps(status)
     return f"{text.strip()}\n" if is_json else "\n".join(_lines(status)) + "\n"
 
 

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from imu_tracker.guidance.route import (
     EARTH_RADIUS_M,
@@ -33,7 +33,7 @@ class GuideState(StrEnum):
 class Guidance(NamedTuple):
     """What a row means on the route.
 
-    `waypoint` is the next one, the `number`th of `count`; `cross_track_m` is positive
+    `waypoint` is the next one, the `number`th of `total`; `cross_track_m` is positive
     to the right of the leg, which begins at `leg_bearing_deg`; `rest_m` is the way
     along the route to its end, and `time_to_go_s` what it takes to the next waypoint at
     the speed made good towards it.
@@ -43,13 +43,27 @@ class Guidance(NamedTuple):
     waypoint: Waypoint
     origin: Waypoint
     number: int
-    count: int
+    total: int
     distance_m: float
     bearing_deg: float
     leg_bearing_deg: float
     cross_track_m: float
     rest_m: float
     time_to_go_s: float | None
+
+    def summary(self) -> dict[str, Any]:
+        """Return it in the precision that a person wants."""
+        return {
+            "state": str(self.state),
+            "waypoint": self.waypoint.name,
+            "number": self.number,
+            "total": self.total,
+            "distance_m": round(self.distance_m, 1),
+            "bearing_deg": round(self.bearing_deg, 1),
+            "cross_track_m": round(self.cross_track_m, 1),
+            "rest_m": round(self.rest_m, 1),
+            "time_to_go_s": self.time_to_go_s and round(self.time_to_go_s),
+        }
 
 
 class Guide:
@@ -105,7 +119,7 @@ class Guide:
             waypoint=waypoint,
             origin=origin,
             number=leg + 2,
-            count=len(self._route),
+            total=len(self._route),
             distance_m=to_go_m,
             bearing_deg=bearing,
             leg_bearing_deg=bearing_deg(origin, waypoint),

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from imu_tracker.errors import InputMissingError, RouteError, shown
 
@@ -55,7 +55,7 @@ def _waypoints(path: Path, data: bytes) -> list[Waypoint]:
     except (GPXException, ValueError, TypeError, RecursionError) as error:
         reason = shown(" ".join(str(error).split()))
         raise RouteError(f"{path}: no GPX file: {reason}") from error
-    lines = [route.points for route in gpx.routes]
+    lines: list[list[Any]] = [list(route.points) for route in gpx.routes]
     lines += [[p for s in track.segments for p in s.points] for track in gpx.tracks]
     places: list[Waypoint] = []
     for point in next((line for line in lines if line), []):

@@ -19,6 +19,9 @@ from imu_tracker.serve.view import Shown
 from imu_tracker.storage.latlong import format_utc
 
 DEVICE: Final = "imu-tracker"
+RELAY: Final = b'?WATCH={"enable":true,"json":true};'
+"""What a gpsd means that relays another one: it says nothing."""
+
 MAX_REQUEST: Final = 4096
 """Bytes of requests without an end; the longest that clients send has 100."""
 

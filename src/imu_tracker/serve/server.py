@@ -31,6 +31,8 @@ REQUESTS: Final = 64
 CLIENTS: Final = 32
 HEAD_S: Final = 5.0
 """So long a request may take to arrive."""
+RELAY_S: Final = 1.0
+"""Clients ask at once; a gpsd that relays us asks nothing, and wants reports."""
 
 log = logging.getLogger(__name__)
 
@@ -172,7 +174,8 @@ class Server:
         session = GpsdSession()
         try:
             send(writer, gpsd_session.greeting())
-            while data := await reader.read(4096):
+            data = await _read_or(gpsd_session.RELAY, reader)
+            while data:
                 is_on = not self._view.away
                 try:
                     send(writer, session.feed(data, self._view.last, is_on=is_on))
@@ -183,6 +186,7 @@ class Server:
                     (self._sentences, session.wants_nmea),
                 ):
                     (peers.add if wants else peers.remove)(writer)
+                data = await reader.read(4096)
         finally:
             for peers in (self._gpsd, self._json, self._sentences):
                 peers.remove(writer)
@@ -199,6 +203,14 @@ class Server:
             await _until_closed(reader)
         finally:
             self._nmea.remove(writer)
+
+
+async def _read_or(default: bytes, reader: asyncio.StreamReader) -> bytes:
+    """Return the first request, or what somebody means who makes none."""
+    try:
+        return await asyncio.wait_for(reader.read(4096), RELAY_S)
+    except TimeoutError:
+        return default
 
 
 async def _until_closed(reader: asyncio.StreamReader) -> None:

@@ -136,17 +136,7 @@ def row_event(shown: Shown) -> bytes:
     """Write a row as an event."""
     row = shown.row._asdict() | {"has_fix": shown.has_fix, "guide": None}
     if (told := shown.guidance) is not None:
-        row["guide"] = {
-            "state": told.state,
-            "waypoint": told.waypoint.name,
-            "number": told.number,
-            "count": told.count,
-            "distance_m": round(told.distance_m, 1),
-            "bearing_deg": round(told.bearing_deg, 1),
-            "cross_track_m": round(told.cross_track_m, 1),
-            "rest_m": round(told.rest_m, 1),
-            "time_to_go_s": told.time_to_go_s and round(told.time_to_go_s),
-        }
+        row["guide"] = told.summary()
     return event("row", row)
 
 

@@ -87,7 +87,7 @@ function showGuide(guide) {
   const side = Math.abs(guide.cross_track_m) < 0.5 ? "on it" : `${metres(Math.abs(guide.cross_track_m))} ${guide.cross_track_m > 0 ? "right" : "left"}`;
   document.querySelector("#guide b").textContent = guide.waypoint;
   document.querySelector("#guide small").textContent =
-    guide.state === "arrived" ? "arrived" : isUnsure ? "cannot tell: r95 is too large" : `${guide.number} of ${guide.count}, ${metres(guide.rest_m)} in all`;
+    guide.state === "arrived" ? "arrived" : isUnsure ? "cannot tell: r95 is too large" : `${guide.number} of ${guide.total}, ${metres(guide.rest_m)} in all`;
   text("distance", isUnsure ? "\u2013" : metres(guide.distance_m));
   text("bearing", isUnsure ? "\u2013" : `${Math.round(guide.bearing_deg) % 360}\u00b0`);
   text("beside", isUnsure ? "\u2013" : side);
