@@ -165,6 +165,7 @@ class FilterConfig(Table):
     profile: Literal["auto", "free", "vehicle", "walker"] = key(
         "auto", '"auto", "free", "vehicle" or "walker"'
     )
+    wheels: Literal["auto", "off"] = key("auto", '"auto" or "off"')
     start: Position = key(
         "", 'a position "lat,lon" in degrees, like "51.99,4.37", or ""'
     )
@@ -265,6 +266,7 @@ class Config(Table):
             gps_date=self.gps.date,
             start=(lat_lon[0], lat_lon[1]) if lat_lon else None,
             start_radius_m=self.filter.start_radius_m,
+            hears_wheels=self.filter.wheels == "auto",
         )
 
     @property

@@ -15,7 +15,7 @@ from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
-from imu_tracker.samples import GpsFix, Vec3
+from imu_tracker.samples import GpsFix, ImuSample, Vec3
 
 HISTORY_NS: Final = 3_000_000_000
 """How late a fix may come: receivers that smooth their course take up to 2 s."""
@@ -51,6 +51,9 @@ class Navigator(Protocol):
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
+
+    def add_sample(self, sample: ImuSample) -> None:
+        """Take a sample at the IMU's own rate, before the step that it ends in."""
 
     def step(self, step: ImuStep, rest: Rest | None) -> None:
         """Move on by a step; `rest` when the body stands still."""
@@ -114,6 +117,9 @@ class Rewinding:
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
         self._estimator.start(lat_rad, lon_rad, sigma_m)
+
+    def add_sample(self, sample: ImuSample) -> None:
+        """Nothing is heard."""
 
     def step(self, step: ImuStep, rest: Rest | None) -> None:
         """Move on by a step, and remember the estimator after it."""

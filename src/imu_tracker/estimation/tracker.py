@@ -78,6 +78,7 @@ class TrackerSettings(NamedTuple):
     start: tuple[float, float] | None = None  # latitude, longitude in radians
     start_radius_m: float = 50.0
     prior: Learnt | None = None  # what an earlier run learnt
+    hears_wheels: bool = True
 
 
 def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
@@ -86,7 +87,10 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
         prior = settings.prior
         if prior is not None:
             prior = _later(prior, -latency_s)
-        return ErrorState(settings.profile, settings.lever_arm_m, prior)
+        return ErrorState(
+            *(settings.profile, settings.lever_arm_m, prior),
+            hears_wheels=settings.hears_wheels,
+        )
     # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
     from imu_tracker.estimation.six_state.estimator import SixState
 
@@ -149,6 +153,7 @@ class Tracker:
             rows = self.advance(t_ns)
         elif t_ns > self._now_ns:
             self._now_ns = t_ns
+        self._navigator.add_sample(sample)
         step = self._preintegrator.add(sample)
         return rows if step is None else rows + self._on_step(step)
 

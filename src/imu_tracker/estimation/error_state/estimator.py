@@ -14,6 +14,7 @@ import numpy as np
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.fix_update import FixUpdate
 from imu_tracker.estimation.error_state.fixed_lag import Trail
+from imu_tracker.estimation.error_state.hearing import Hearing
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.mixture import radius_m
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
@@ -55,7 +56,7 @@ from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate, to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
-from imu_tracker.samples import GpsFix, Vec3
+from imu_tracker.samples import GpsFix, ImuSample, Vec3
 
 FOLD_S: Final = 0.02
 """A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
@@ -81,6 +82,8 @@ class ErrorState:
         From the chip to the antenna.
     prior : Learnt, optional
         What an earlier run learnt; its latency counts from what the tracker assumes.
+    hears_wheels : bool
+        Whether an outage's speed is taken from the vibration of the wheels.
     """
 
     in_hindsight = True
@@ -90,7 +93,10 @@ class ErrorState:
         profile: str,
         lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
         prior: Learnt | None = None,
+        *,
+        hears_wheels: bool = True,
     ) -> None:
+        self._hearing = Hearing() if hears_wheels else None
         self._lever_arm_m = lever_arm_m
         self._notices: list[str] = []
         self._temp_degc: float | None = None
@@ -123,6 +129,11 @@ class ErrorState:
 
     # -------------------------------------------------------------- steps and fixes
 
+    def add_sample(self, sample: ImuSample) -> None:
+        """Take a sample at the IMU's own rate: its vibration, not its motion."""
+        if self._hearing is not None:
+            self._hearing.add_sample(sample)
+
     def step(self, step: ImuStep, rest: Rest | None) -> None:
         """Queue a step; the filters follow behind."""
         self._trail.add(step, rest)
@@ -134,6 +145,8 @@ class ErrorState:
         rests = rest is not None and self._trail.confirms_rest(self._eskf, step)
         self._propagation.take(step, rest if rests else None)
         self._temp_degc = step.temp_degc
+        if self._hearing is not None and self._carrier.is_vehicle:
+            self._hearing.listen(self._bank.filters, self._propagation)
         if self._since is not None:
             self._recall()
 
@@ -382,6 +395,7 @@ class ErrorState:
             "nis_mean": fixes.nis_mean,
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,
+            "wheels": None if self._hearing is None else self._hearing.report(),
             "hypotheses": {
                 "imu": fixes.comparison.odds.imu_weight,
                 "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,

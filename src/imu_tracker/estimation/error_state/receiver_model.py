@@ -281,6 +281,13 @@ def soft(measured: Measurement, S: Array) -> Measurement:
     return measured if nis <= _SOFT_NIS else Measurement(z, H, R * (nis / _SOFT_NIS))
 
 
+def soft_1d(measured: Measurement, S: Array) -> Measurement:
+    """The same of a single number, beyond 3 sigma."""
+    z, H, R = measured
+    excess = float(z[0]) ** 2 / _SOFT_NIS - float(S[0, 0])
+    return measured if excess <= 0.0 else Measurement(z, H, R + excess)
+
+
 def log_likelihood(z: Array, S: Array) -> float:
     """Of an innovation under its covariance."""
     (a, b), (_, c) = S.tolist()

@@ -1,0 +1,168 @@
+"""By how much a filter's speed is wrong, from what the wheels sound like.
+
+While GPS is there the circumference and the strength of the lines are learnt; without it
+the lines say which speed fits. Where nothing is heard nothing is said.
+"""
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from imu_tracker.samples import ImuSample
+from imu_tracker.wheels.orders import OrderLearner, Wheels
+from imu_tracker.wheels.windows import (
+    WINDOW_S,
+    Array,
+    Samples,
+    Spectrum,
+    spectrum,
+)
+
+EVERY_S: Final = 1.0
+OVERLAP: Final = WINDOW_S / EVERY_S
+"""Windows share samples: so many of them are one piece of evidence."""
+
+LEAST_SPEED_MPS: Final = 6.0
+"""Below, the first order drowns in what the body does when it starts and stops."""
+
+KNOWN_SIGMA_MPS: Final = 0.5
+"""A speed known worse than this teaches nothing of the circumference."""
+
+REACH_SIGMAS: Final = 3.5
+LEAST_REACH_MPS: Final = 0.5
+MOST_REACH_MPS: Final = 8.0
+STEP_MPS: Final = 0.05
+
+FLOOR_MPS: Final = 0.15
+"""No heard speed counts as better: the window's resolution, and a circumference that
+changes by 0.5 % with temperature and load."""
+
+WORTH_SHARE: Final = 0.8
+"""An answer that leaves more of the variance than this says nothing."""
+
+
+class SpeedError(NamedTuple):
+    """A filter's speed at an instant is too low by `error_mps`."""
+
+    error_mps: float
+    var: float  # (m/s)^2
+
+
+class WheelSpeed:
+    """Learns the wheels with GPS, and tells the speed without it.
+
+    Attributes
+    ----------
+    heard : SpeedError or None
+        The newest answer, for the report.
+    """
+
+    def __init__(self) -> None:
+        self._samples = Samples()
+        self._learner = OrderLearner()
+        self._speeds: deque[tuple[int, float]] = deque()
+        self._due_ns = 0
+        self.heard_windows = self.asked_windows = 0
+
+    @property
+    def wheels(self) -> Wheels | None:
+        """What was learnt; None: nothing is heard."""
+        return self._learner.wheels
+
+    def add_sample(self, sample: ImuSample) -> None:
+        """Take a calibrated sample, at the IMU's own rate."""
+        self._samples.add(sample)
+
+    def add_speed(
+        self, t_ns: int, speed_mps: float, sigma_mps: float, *, has_gps: bool
+    ) -> SpeedError | None:
+        """Take the speed of a filter at its own instant, a few times a second.
+
+        Returns
+        -------
+        SpeedError or None
+            None: not due, nothing heard, or GPS says it better.
+        """
+        speeds = self._speeds
+        if speeds and t_ns <= speeds[-1][0]:
+            speeds.clear()
+        speeds.append((t_ns, speed_mps))
+        while speeds[0][0] < t_ns - int((WINDOW_S + 0.5) * 1e9):
+            speeds.popleft()
+        if t_ns < self._due_ns <= t_ns + int(EVERY_S * 1e9):
+            return None
+        self._due_ns = t_ns + int(EVERY_S * 1e9)
+        if min(v for _, v in speeds) < LEAST_SPEED_MPS:
+            return None
+        wheels = self._learner.wheels
+        is_asked = not has_gps and wheels is not None
+        if not is_asked and (not has_gps or sigma_mps > KNOWN_SIGMA_MPS):
+            return None
+        found = self._spectrum_at(t_ns)
+        if found is None:
+            return None
+        if wheels is None or has_gps:
+            self._learner.learn(found, speed_mps, EVERY_S)
+            return None
+        self.asked_windows += 1
+        answer = posterior(found, wheels, speed_mps, sigma_mps)
+        self.heard_windows += answer is not None
+        return answer
+
+    def _spectrum_at(self, t_ns: int) -> Spectrum | None:
+        window = self._samples.until(t_ns)
+        if window is None:
+            return None
+        t_s, values, rate_hz = window
+        known_s = (np.array([t for t, _ in self._speeds]) - t_ns) * 1e-9
+        if known_s[0] > t_s[0] + 0.3:
+            return None  # the filter began within the window
+        speed = np.interp(t_s, known_s, np.array([v for _, v in self._speeds]))
+        over = speed - self._speeds[-1][1]
+        steps = 0.5 * (over[1:] + over[:-1]) * np.diff(t_s)
+        extra_m = np.concatenate([[0.0], np.cumsum(steps)])
+        return spectrum(t_s, values, rate_hz, extra_m - extra_m[-1])
+
+
+def log_likelihood(heard: Spectrum, wheels: Wheels, speeds_mps: Array) -> Array:
+    """Log-likelihood of speeds, shape (n,).
+
+    Notes
+    -----
+    Under a line the power is exponential with the mean 1 + rho, elsewhere with the
+    mean 1: log L = sum of -log(1 + rho) + r rho / (1 + rho) over orders and channels.
+    """
+    rho = wheels.strength
+    ratio = heard.at(speeds_mps / wheels.circumference_m)
+    terms = ratio * (rho / (1.0 + rho)) - np.log1p(rho)
+    total: Array = terms.sum(axis=(1, 2))
+    return total
+
+
+def posterior(
+    heard: Spectrum, wheels: Wheels, speed_mps: float, sigma_mps: float
+) -> SpeedError | None:
+    """Weigh the filter's speed with what is heard, and take the filter out again.
+
+    Notes
+    -----
+    Mean m and variance s of prior times likelihood on a grid; two tops make s wide. The
+    measurement that does the same to a Kalman filter has the variance
+    R = s P / (P - s) and the value m P / (P - s).
+    """
+    prior_var = sigma_mps**2
+    reach = min(max(REACH_SIGMAS * sigma_mps, LEAST_REACH_MPS), MOST_REACH_MPS)
+    errors = np.arange(-reach, reach + STEP_MPS, STEP_MPS)
+    errors = errors[speed_mps + errors > 0.5 * LEAST_SPEED_MPS]
+    log_l = log_likelihood(heard, wheels, speed_mps + errors) / OVERLAP
+    log_p = log_l - 0.5 * errors**2 / prior_var
+    p = np.exp(log_p - log_p.max())
+    p /= p.sum()
+    mean = float(p @ errors)
+    var = float(p @ (errors - mean) ** 2) + FLOOR_MPS**2 / OVERLAP
+    if var > WORTH_SHARE * prior_var or not math.isfinite(mean):
+        return None
+    gain = prior_var / (prior_var - var)
+    return SpeedError(mean * gain, var * gain)
