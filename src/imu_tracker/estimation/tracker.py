@@ -91,7 +91,7 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
     from imu_tracker.estimation.six_state.estimator import SixState
 
     profile = "free" if settings.profile == "auto" else settings.profile
-    return Rewinding(SixState(profile, settings.lever_arm_m))
+    return Rewinding(SixState(profile, settings.lever_arm_m), profile)
 
 
 def _later(learnt: Learnt, by_s: float) -> Learnt:
@@ -335,7 +335,7 @@ class Tracker:
             believed,
             navigator.speed()[1],
             turn_radps,
-            self._settings.profile,
+            navigator.profile,
             after_s,
         )
 

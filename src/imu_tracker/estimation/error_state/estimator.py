@@ -19,6 +19,7 @@ from imu_tracker.estimation.error_state.hypotheses.mixture import radius_m
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
     START_LEVEL,
     NoiseBank,
+    known_level,
 )
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     AloneEstimate,
@@ -96,7 +97,7 @@ class ErrorState:
         self._shift_ns = 0  # fixes describe so much later than the tracker says
         self._prior = prior
         self._since: tuple[Since, GpsFix | None] | None = None  # to be recalled
-        level = START_LEVEL if prior is None else prior.noise_level
+        level = START_LEVEL if prior is None else known_level(prior.noise_level)
         self._carrier = Carrier(profile)
         self._bank = NoiseBank(level, is_vehicle=self._carrier.is_vehicle)
         self._alignment = Alignment(self._bank, self._carrier, self._notify)
@@ -270,6 +271,11 @@ class ErrorState:
             H[0, DELAY], H[1, DELAY] = vn, ve
         cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
         return cov
+
+    @property
+    def profile(self) -> str:
+        """The configured profile, or the one that was found."""
+        return self._carrier.profile
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""

@@ -38,6 +38,11 @@ MOST_NATS: Final = 1.0
 """No single fix decides: not a wild one, not the first after a tunnel."""
 
 
+def known_level(level: int) -> int:
+    """Return a level that exists, for one that another version may have stored."""
+    return min(max(level, 0), len(NOISE_LEVELS) - 1)
+
+
 class NoiseBank:
     """The filter that is listened to, and its challenger.
 
