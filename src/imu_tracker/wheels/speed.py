@@ -1,7 +1,9 @@
 """By how much a filter's speed is wrong, from what the wheels sound like.
 
-While GPS is there the circumference and the strength of the lines are learnt; without it
-the lines say which speed fits. Where nothing is heard nothing is said.
+While GPS is there the circumference and the strength of the lines are learnt; without
+it the lines say which speed fits. The error of a filter's speed changes little within
+some seconds, so their windows are weighed together: a line that passes by is outvoted.
+Where nothing is heard nothing is said.
 """
 
 import math
@@ -24,6 +26,12 @@ EVERY_S: Final = 1.0
 OVERLAP: Final = WINDOW_S / EVERY_S
 """Windows share samples: so many of them are one piece of evidence."""
 
+TOGETHER: Final = 6
+"""Windows that make one measurement; then the evidence begins again."""
+
+ALIKE_CHANNELS: Final = 2.0
+"""Six channels of one box feel the same shaking: so many of them are one."""
+
 LEAST_SPEED_MPS: Final = 6.0
 """Below, the first order drowns in what the body does when it starts and stops."""
 
@@ -36,8 +44,9 @@ MOST_REACH_MPS: Final = 8.0
 STEP_MPS: Final = 0.05
 
 FLOOR_MPS: Final = 0.15
+FLOOR_SHARE: Final = 0.006
 """No heard speed counts as better: the window's resolution, and a circumference that
-changes by 0.5 % with temperature and load."""
+changes by 0.5 % with temperature and load, the same way for a whole outage."""
 
 WORTH_SHARE: Final = 0.8
 """An answer that leaves more of the variance than this says nothing."""
@@ -64,6 +73,9 @@ class WheelSpeed:
         self._learner = OrderLearner()
         self._speeds: deque[tuple[int, float]] = deque()
         self._due_ns = 0
+        self._errors = np.arange(-MOST_REACH_MPS, MOST_REACH_MPS, STEP_MPS)
+        self._log_l = np.zeros(len(self._errors))
+        self._n_together = 0
         self.heard_windows = self.asked_windows = 0
 
     @property
@@ -91,6 +103,8 @@ class WheelSpeed:
         speeds.append((t_ns, speed_mps))
         while speeds[0][0] < t_ns - int((WINDOW_S + 0.5) * 1e9):
             speeds.popleft()
+        if has_gps:
+            self._forget()
         if t_ns < self._due_ns <= t_ns + int(EVERY_S * 1e9):
             return None
         self._due_ns = t_ns + int(EVERY_S * 1e9)
@@ -106,10 +120,22 @@ class WheelSpeed:
         if wheels is None or has_gps:
             self._learner.learn(found, speed_mps, EVERY_S)
             return None
+        speeds_mps = np.maximum(speed_mps + self._errors, 0.0)
+        self._log_l += log_likelihood(found, wheels, speeds_mps)
+        self._n_together += 1
+        if self._n_together < TOGETHER:
+            return None
+        answer = posterior(self._errors, self._log_l, speed_mps, sigma_mps)
+        self._forget()
         self.asked_windows += 1
-        answer = posterior(found, wheels, speed_mps, sigma_mps)
         self.heard_windows += answer is not None
         return answer
+
+    def _forget(self) -> None:
+        """Begin the evidence of another measurement."""
+        if self._n_together:
+            self._log_l = np.zeros(len(self._errors))
+            self._n_together = 0
 
     def _spectrum_at(self, t_ns: int) -> Spectrum | None:
         window = self._samples.until(t_ns)
@@ -142,9 +168,16 @@ def log_likelihood(heard: Spectrum, wheels: Wheels, speeds_mps: Array) -> Array:
 
 
 def posterior(
-    heard: Spectrum, wheels: Wheels, speed_mps: float, sigma_mps: float
+    errors_mps: Array, log_l: Array, speed_mps: float, sigma_mps: float
 ) -> SpeedError | None:
     """Weigh the filter's speed with what is heard, and take the filter out again.
+
+    Parameters
+    ----------
+    errors_mps, log_l : ndarray, shape (n,)
+        Errors of the filter's speed, and their log-likelihood.
+    speed_mps, sigma_mps : float
+        Of the filter.
 
     Notes
     -----
@@ -153,16 +186,15 @@ def posterior(
     R = s P / (P - s) and the value m P / (P - s).
     """
     prior_var = sigma_mps**2
-    reach = min(max(REACH_SIGMAS * sigma_mps, LEAST_REACH_MPS), MOST_REACH_MPS)
-    errors = np.arange(-reach, reach + STEP_MPS, STEP_MPS)
-    errors = errors[speed_mps + errors > 0.5 * LEAST_SPEED_MPS]
-    log_l = log_likelihood(heard, wheels, speed_mps + errors) / OVERLAP
-    log_p = log_l - 0.5 * errors**2 / prior_var
+    reach = max(REACH_SIGMAS * sigma_mps, LEAST_REACH_MPS)
+    log_p = log_l / (OVERLAP * ALIKE_CHANNELS) - 0.5 * errors_mps**2 / prior_var
+    log_p = np.where(np.abs(errors_mps) <= reach, log_p, -math.inf)
     p = np.exp(log_p - log_p.max())
     p /= p.sum()
-    mean = float(p @ errors)
-    var = float(p @ (errors - mean) ** 2) + FLOOR_MPS**2 / OVERLAP
-    if var > WORTH_SHARE * prior_var or not math.isfinite(mean):
+    mean = float(p @ errors_mps)
+    var = float(p @ (errors_mps - mean) ** 2)
+    if var > WORTH_SHARE * prior_var:
         return None
     gain = prior_var / (prior_var - var)
-    return SpeedError(mean * gain, var * gain)
+    floor = math.hypot(FLOOR_MPS, FLOOR_SHARE * speed_mps)
+    return SpeedError(mean * gain, var * gain + floor**2)

@@ -97,7 +97,7 @@ class Samples:
         low, high = np.searchsorted(self._t_ns, [end_ns - int(WINDOW_S * 1e9), end_ns])
         if high - low < 16:
             return None
-        t_s = (self._t_ns[low:high] - end_ns) * 1e-9
+        t_s: Array = (self._t_ns[low:high] - end_ns).astype(np.float64) * 1e-9
         gaps_s = np.diff(t_s)
         period_s = float(gaps_s.mean())
         if t_s[-1] - t_s[0] < 0.95 * WINDOW_S or gaps_s.max() > 5.0 * period_s:
