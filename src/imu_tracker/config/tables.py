@@ -148,7 +148,9 @@ class GpsConfig(Table):
         if port.startswith("socket://") and not re.fullmatch(
             r"socket://[^/:\s]+:\d{1,5}/?", port
         ):
-            raise ValueError("must be socket://HOST:PORT, like socket://localhost:2947")
+            raise ValueError(
+                "must be socket://HOST:PORT, like socket://192.168.1.20:10110"
+            )
         return port
 
 

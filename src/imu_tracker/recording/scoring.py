@@ -198,12 +198,14 @@ def score(
 
 def describe(figures: dict[str, Any]) -> Iterable[str]:
     """Yield the score as lines of a table for people."""
-    yield f"{'':12}{'n':>7}{'rms':>9}{'p50':>9}{'p95':>9}{'max':>9}   inside r95  r95"
+    yield f"{'':12}{'n':>7}{'rms':>12}{'p50':>12}{'p95':>12}{'max':>12}   inside r95  r95"
     for name, title in (("with_gps", "with GPS"), ("outage", "in outages")):
         if part := figures[name]:
             yield (
                 f"{title:12}{part['n']:7d}"
-                + "".join(f"{part[key]:7.2f} m" for key in ("rms", "p50", "p95", "max"))
+                + "".join(
+                    f"{part[key]:10.2f} m" for key in ("rms", "p50", "p95", "max")
+                )
                 + f"   {part['inside_r95']:9.1%}  {part['r95_median']:.2f} m"
             )
     for number, (error_m, r95_m) in enumerate(
