@@ -198,7 +198,8 @@ def score(
 
 def describe(figures: dict[str, Any]) -> Iterable[str]:
     """Yield the score as lines of a table for people."""
-    yield f"{'':12}{'n':>7}{'rms':>12}{'p50':>12}{'p95':>12}{'max':>12}   inside r95  r95"
+    columns = "".join(f"{name:>12}" for name in ("rms", "p50", "p95", "max"))
+    yield f"{'':12}{'n':>7}{columns}   inside r95  r95"
     for name, title in (("with_gps", "with GPS"), ("outage", "in outages")):
         if part := figures[name]:
             yield (
