@@ -6,7 +6,8 @@ In: samples. Out: their means, and what no motion explains. No bus, no clock.
 import math
 from typing import Final
 
-from imu_tracker.samples import STANDARD_GRAVITY_MPS2, ImuSample
+from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2
+from imu_tracker.samples import ImuSample
 
 GRAVITY_G: Final = (0.85, 1.15)  # ranges are good to 3 %, zero-g to 80 mg
 STILL_SPREAD_G: Final = 0.1  # peak to peak of a chip that lies: 400 ug/sqrt(Hz)
