@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 
 import pytest
 
-from imu_tracker.samples import GpsFix
+from imu_tracker.samples import GpsFix, Source
 from imu_tracker.sensors.gnss.calendar import Calendar
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader
+from imu_tracker.simulation import simulate
 from nmea_text import gga, rmc, sentence
 
 S = 1_000_000_000
@@ -103,3 +104,11 @@ def test_a_date_of_manufacture_without_a_fix_is_not_believed() -> None:
     calendar = Calendar(earliest_utc_s=RELEASE)
     calendar.learn(0, utc(2013, 9, 1), is_sure=False)
     assert not calendar.is_known
+
+
+def test_a_simulated_receiver_at_10_hz_fits_the_line_that_it_is_given() -> None:
+    def lines(baud: int) -> int:
+        frames = simulate("still", duration_s=30, gps_every_s=0.1, baud=baud).frames
+        return sum(frame.source is Source.GPS for frame in frames)
+
+    assert lines(115_200) > 2 * lines(9600)
