@@ -8,10 +8,10 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install pinned lock audit demo test lint types unit coverage acceptance fuzz system-test benchmark seeds clean
+.PHONY: help install pinned lock audit demo demo-live test lint types unit coverage acceptance fuzz system-test benchmark seeds clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
 		$(MAKEFILE_LIST)
 
 install: $(VENV)/.installed ## Make the environment .venv and install imu-tracker there
@@ -85,6 +85,15 @@ demo: install ## Track a simulated drive with a tunnel, and draw it: half a minu
 	@echo
 	@$(BIN)/imu-tracker plot --quiet demo/latlong.csv --output demo/latlong.png
 	@echo "the picture of the track: $(CURDIR)/demo/latlong.png"
+
+demo-live: install ## The same drive in real time, with the live page to look at
+	@rm -rf demo
+	@$(BIN)/imu-tracker run --quiet --config config/demo.toml --set source.speed=1 & \
+	run=$$!; trap 'kill $$run 2>/dev/null' EXIT; trap 'exit 0' INT TERM; \
+	(sleep 3; command -v xdg-open >/dev/null && \
+		xdg-open http://localhost:8086/ >/dev/null 2>&1) & \
+	echo "open http://localhost:8086/ in a browser; Ctrl-C ends it"; \
+	$(BIN)/imu-tracker serve --config config/demo.toml
 
 test: lint types unit ## Check everything: style, types, the tests
 

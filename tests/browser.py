@@ -43,9 +43,15 @@ class Browser:
         """What the page said by itself: requests, exceptions, console messages."""
 
     def open(
-        self, page: Path, width: int = 1000, height: int = 700, *, mobile: bool = False
+        self,
+        page: Path | str,
+        width: int = 1000,
+        height: int = 700,
+        *,
+        mobile: bool = False,
+        dark: bool = False,
     ) -> None:
-        """Open a file in a tab of its own."""
+        """Open a file, or an address of this computer, in a tab of its own."""
         self._session = ""
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         attached = self.send("Target.attachToTarget", targetId=target, flatten=True)
@@ -62,7 +68,10 @@ class Browser:
         )
         if mobile:
             self.send("Emulation.setTouchEmulationEnabled", enabled=True)
-        self.send("Page.navigate", url=page.resolve().as_uri())
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.send("Emulation.setEmulatedMedia", features=[scheme])
+        url = page if isinstance(page, str) else page.resolve().as_uri()
+        self.send("Page.navigate", url=url)
         self.wait_for("Page.loadEventFired")
         self.settle()
 
@@ -133,7 +142,7 @@ class Browser:
 
 @contextmanager
 def browsing(home: Path) -> Iterator[Browser]:
-    """Start a browser that is cut off from every network."""
+    """Start a browser that is cut off from every network but this computer."""
     assert CHROMIUM is not None
     their_in, our_out = os.pipe()
     our_in, their_out = os.pipe()
@@ -141,7 +150,7 @@ def browsing(home: Path) -> Iterator[Browser]:
         *("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"),
         *("--disable-dev-shm-usage", "--disable-background-networking"),
         *("--disable-component-update", "--disable-sync", "--disable-extensions"),
-        "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
         f"--user-data-dir={home}",
         "--remote-debugging-pipe",
         "about:blank",

@@ -26,6 +26,7 @@ from imu_tracker.commands.run import add_run
 from imu_tracker.commands.sensor.calibrate import add_calibrate
 from imu_tracker.commands.sensor.characterise import add_characterise
 from imu_tracker.commands.sensor.selftest import add_selftest
+from imu_tracker.commands.serve import add_serve
 from imu_tracker.commands.simulate import add_simulate
 from imu_tracker.commands.status import add_status
 from imu_tracker.errors import OutputError, TrackerError
@@ -39,6 +40,7 @@ _COMMANDS: Final = (
     add_run,
     add_check,
     add_status,
+    add_serve,
     add_record,
     add_replay,
     add_simulate,

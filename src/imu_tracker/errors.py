@@ -78,6 +78,12 @@ class LogError(TrackerError, ValueError):
     exit_code = 65
 
 
+class RouteError(TrackerError, ValueError):
+    """A route cannot be followed: which file, why."""
+
+    exit_code = 65
+
+
 class CalibrationError(TrackerError, ValueError):
     """A calibration cannot be used or made: which axis or pose, what to do."""
 

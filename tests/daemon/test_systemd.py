@@ -9,6 +9,7 @@ import pytest
 
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 UNIT = "imu-tracker.service"
+SERVE_UNIT = "imu-tracker-serve.service"
 
 pytestmark = pytest.mark.skipif(
     shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here"
@@ -20,7 +21,8 @@ def root(tmp_path: Path) -> Path:
     """A file system with the unit installed as the README says, and its program."""
     units = tmp_path / "etc/systemd/system"
     units.mkdir(parents=True)
-    shutil.copy(SYSTEMD / UNIT, units)
+    for unit in (UNIT, SERVE_UNIT):
+        shutil.copy(SYSTEMD / unit, units)
     program = tmp_path / "opt/imu-tracker/bin/imu-tracker"
     for path in (program, tmp_path / "bin/kill"):
         path.parent.mkdir(parents=True)
@@ -28,10 +30,10 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def exposure(root: Path) -> float:
+def exposure(root: Path, unit: str = UNIT) -> float:
     """Return what `systemd-analyze security` says, 0 (best) to 10."""
     said = subprocess.run(
-        ["systemd-analyze", "security", "--offline=yes", f"--root={root}", UNIT],
+        ["systemd-analyze", "security", "--offline=yes", f"--root={root}", unit],
         capture_output=True,
         text=True,
         check=True,
@@ -43,6 +45,10 @@ def exposure(root: Path) -> float:
 
 def test_the_service_exposes_next_to_nothing(root: Path) -> None:
     assert exposure(root) <= 1.0
+
+
+def test_the_server_exposes_little_for_something_that_listens(root: Path) -> None:
+    assert exposure(root, SERVE_UNIT) <= 1.2
 
 
 def test_with_network_it_exposes_little_more(root: Path) -> None:
@@ -60,10 +66,11 @@ def test_narrowed_it_exposes_no_more(root: Path) -> None:
     assert exposure(root) <= broad
 
 
-def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", [UNIT, SERVE_UNIT])
+def test_systemd_finds_nothing_wrong_with_the_unit(name: str, tmp_path: Path) -> None:
     # The program is nowhere on this machine: another stands for it.
-    text = (SYSTEMD / UNIT).read_text("utf-8")
-    unit = tmp_path / UNIT
+    text = (SYSTEMD / name).read_text("utf-8")
+    unit = tmp_path / name
     unit.write_text(text.replace("/opt/imu-tracker/bin/imu-tracker", "/bin/true"))
     done = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", str(unit)],

@@ -15,6 +15,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -37,6 +38,9 @@ from imu_tracker.samples import (
     Source,
 )
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader, LineSplitter, Positions
+from imu_tracker.sensors.gnss.network_port import GpsdFilter
+from imu_tracker.serve.gpsd_session import GpsdSession
+from imu_tracker.serve.http_request import Refused, parse
 from imu_tracker.storage.calibration_file import read_calibration
 from imu_tracker.storage.latlong import HEADER, format_row, read_log
 from imu_tracker.storage.state_file import Sensor, read_state
@@ -98,6 +102,38 @@ def _check_positions(positions: Positions) -> None:
             assert 0 < position.sigma_h_m <= 1e5
             assert position.alt_m is None or abs(position.alt_m) <= 1e5
             assert position.vel_ne_mps is None or math.hypot(*position.vel_ne_mps) < 601
+
+
+def _http(data: bytes) -> None:
+    """The head of a request."""
+    with suppress(Refused):
+        request = parse(data, ("pi.example",))
+        assert len(request.path) <= 2000
+
+
+def _gpsd_requests(data: bytes) -> None:
+    """What a client of our gpsd sends, in pieces."""
+    session = GpsdSession()
+    step = 1 + (data[0] % 64 if data else 0)
+    for start in range(0, len(data), step):
+        try:
+            answer = session.feed(data[start : start + step], None, is_on=True)
+        except ValueError:
+            return
+        for text in answer.splitlines():
+            assert json.loads(text)["class"]
+
+
+def _gpsd_stream(data: bytes) -> None:
+    """What a gpsd sends us, in pieces."""
+    gpsd_filter, passed = GpsdFilter(), 0
+    step = 1 + (data[0] % 64 if data else 0)
+    for start in range(0, len(data), step):
+        try:
+            passed += len(gpsd_filter.feed(data[start : start + step]))
+        except ConnectionError:
+            return
+    assert passed <= len(data)
 
 
 # ---------------------------------------------------------------------------- the files
@@ -462,6 +498,24 @@ TARGETS: Final[dict[str, Target]] = {
         _wire, (b"\r\n".join((rmc(), gga(), gll())),), (*_TEXT_WORDS, b"$", b"*")
     ),
     "sentences": Target(_sentences, (_BODIES,), (*_NUMBER_WORDS, *_TEXT_WORDS, b",")),
+    "http": Target(
+        _http,
+        (b"GET /events?token=abc HTTP/1.1\r\nHost: localhost:8086\r\nCookie: a=b\r\n",),
+        (b"Host: ", b"\r\n", b"HTTP/1.1", b"GET ", b"?token=", b"%00", b"["),
+    ),
+    "gpsd-requests": Target(
+        _gpsd_requests,
+        (b'?WATCH={"enable":true,"json":true,"nmea":true};?POLL;?DEVICES;',),
+        (*_NUMBER_WORDS, b"?WATCH=", b"?POLL;", b"{", b"}", b"true", b"null", b";"),
+    ),
+    "gpsd-stream": Target(
+        _gpsd_stream,
+        (
+            b'{"class":"VERSION","release":"3.22"}\r\n{"class":"DEVICES","devices":'
+            b'[{"class":"DEVICE","path":"/dev/gps"}]}\r\n' + rmc() + b"\r\n",
+        ),
+        (*_NUMBER_WORDS, b'{"class":"', b"imu-tracker", b"\n", b"}", b"[["),
+    ),
     "recording": Target(
         _file("raw.rec", _recording),
         (_HEADER + _FRAMES, gzip.compress(_HEADER + _FRAMES, mtime=0), _HEADER * 2),

@@ -1,8 +1,7 @@
-"""What is known of a body in the dark: gait, road, and a lost orientation."""
+"""What is known of a body in the dark: gait and road."""
 
 import math
 
-import numpy as np
 import pytest
 
 from imu_tracker.estimation.error_state.constraints.pedestrian import (
@@ -17,10 +16,6 @@ from imu_tracker.estimation.error_state.constraints.road_prior import (
     Road,
 )
 from imu_tracker.estimation.error_state.filter import Eskf, Nominal
-from imu_tracker.estimation.error_state.hypotheses.divergence import (
-    LOST_NATS,
-    OrientationWatch,
-)
 from imu_tracker.estimation.error_state.states import NoiseLevel
 from imu_tracker.geometry.rotation import from_euler
 from imu_tracker.samples import Vec3
@@ -109,70 +104,3 @@ def test_who_stands_says_nothing_of_roads() -> None:
     for _ in range(1000):
         road.observe(moving((0.1, 0.0, 0.0)), 1.0)
     assert road.slope_sigma_rad == START_SLOPE_RAD
-
-
-# ---------------------------------------------------------------- lost orientation
-
-
-def watched(
-    seconds: int, gyro_off_rad: float, noise_mps: float, seed: int = 3
-) -> list[bool]:
-    """Drive in circles; the filter believes in an acceleration that is turned."""
-    watch, rng = OrientationWatch(), np.random.default_rng(seed)
-    found, speed, believed = [], 15.0, np.array([15.0, 0.0])
-    for k in range(1, seconds + 1):
-        heading = k / 8.0
-        truth = speed * np.array([math.cos(heading), math.sin(heading)])
-        before = speed * np.array(
-            [math.cos(heading - 0.125), math.sin(heading - 0.125)]
-        )
-        cosine, sine = math.cos(gyro_off_rad), math.sin(gyro_off_rad)
-        turned = np.array([[cosine, -sine], [sine, cosine]]) @ (truth - before)
-        believed = believed + turned
-        z = truth + noise_mps * rng.standard_normal(2)
-        S = np.eye(2) * (0.3**2 + noise_mps**2)
-        found.append(
-            watch.observe(
-                k * 1_000_000_000,
-                (float(z[0]), float(z[1])),
-                noise_mps**2,
-                float(math.dist(truth, before)),
-                2.5**2,
-                z - believed,
-                S,
-            )
-        )
-        believed = believed + 0.7 * (z - believed)
-    return found
-
-
-def test_a_filter_that_knows_its_way_is_left_alone() -> None:
-    assert not any(watched(600, 0.0, 0.1))
-    assert not any(watched(600, 0.3, 0.1))
-
-
-def test_a_poor_receiver_is_no_fault_of_the_filter() -> None:
-    assert not any(watched(600, 0.0, 3.0))
-
-
-def test_a_filter_that_is_turned_over_is_found_out_within_a_minute() -> None:
-    found = watched(60, math.pi, 0.1)
-    assert any(found)
-    assert not found[0]
-
-
-def test_fixes_after_a_silence_say_nothing() -> None:
-    watch = OrientationWatch()
-    watch.lead_nats = 0.9 * LOST_NATS  # nor does what was before it
-    for k in range(200):
-        sign = 1.0 if k % 2 else -1.0
-        assert not watch.observe(
-            k * 60_000_000_000,
-            (20.0 * sign, 0.0),
-            0.01,
-            0.3,
-            2.5**2,
-            np.array([40.0 * sign, 0.0]),
-            np.eye(2),
-        )
-    assert watch.lead_nats == 0.0

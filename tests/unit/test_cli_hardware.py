@@ -259,6 +259,29 @@ def test_a_port_that_is_there_and_closed_says_why(
     assert "port: busy: does another program" in found["GPS port"]
     found = check(capsys, "gps.port=socket://nowhere:1")[1]
     assert "socket://nowhere:1: busy: is the other side there" in found["GPS port"]
+    found = check(capsys, "gps.port=gpsd://nowhere:1")[1]
+    assert "gpsd://nowhere:1: busy: does gpsd run there" in found["GPS port"]
+    found = check(capsys, "gps.port=udp://:10110")[1]
+    assert "udp://:10110: busy: has another program this port?" in found["GPS port"]
+
+
+@pytest.mark.parametrize(
+    ("port", "advice"),
+    [
+        ("socket://pi:10110", "does the other side send NMEA?"),
+        ("gpsd://pi:2947", "has it a receiver? See gpspipe -r"),
+        ("udp://:10110", "no datagram"),
+    ],
+)
+def test_a_silent_port_on_the_network_has_no_wires_to_check(
+    port: str, advice: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.health = bench.health._replace(state=GpsState.SILENT)
+    bench.lines = []
+    code, found = check(capsys, f"gps.port={port}")
+    assert code == 69
+    assert advice in found["GPS port"]
+    assert "TX" not in found["GPS port"]
 
 
 def test_a_port_without_permission_names_the_group(

@@ -215,3 +215,24 @@ def test_what_was_learnt_is_told_with_its_doubts() -> None:
         {"delay_s": 0.2734567, "delay_sigma_s": 0.0512345, "yaw_sigma_deg": 0.5}
     )
     assert shown == {"delay_s": "0.273  +- 0.0512", "yaw_sigma_deg": "0.5"}
+
+
+def test_a_route_is_shown_beside_the_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    route = tmp_path / "way.gpx"
+    route.write_text(
+        '<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte>'
+        '<rtept lat="0" lon="0"/><rtept lat="0.1" lon="0"><name>pier</name></rtept>'
+        "</rte></gpx>"
+    )
+    row = {"lat_deg": 0.05, "lon_deg": 0.0, "speed_mps": 10.0, "course_deg": 0.0}
+    argv = status(tmp_path, row=row | {"alt_m": None, "r95_m": 4.0, "mode": "gps"})
+    argv += ["--set", f"guide.route={route}"]
+    assert main([*argv, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["guide"]
+    assert (told["waypoint"], told["distance_m"]) == ("pier", 5556.0)
+    assert told["time_to_go_s"] == 556
+    route.unlink()
+    assert main([*argv, "--json"]) == 0
+    assert "guide" not in json.loads(capsys.readouterr().out)

@@ -102,3 +102,18 @@ def test_a_position_that_stands_while_the_receiver_moves_is_frozen() -> None:
     assert gate.is_frozen(fix(1, 10.0), 12.0)
     assert not gate.is_frozen(fix(2, 10.0), 0.2)
     assert not gate.is_frozen(fix(3, 22.0), 12.0)
+
+
+def test_a_place_that_was_driven_away_from_is_still_frozen_at_the_stop() -> None:
+    gate = Gate("vehicle")
+    speeds = [16.0] * 5 + [0.0] * 60
+    frozen = [gate.is_frozen(fix(k, vel=(v, 0.0)), v) for k, v in enumerate(speeds)]
+    assert frozen == [False] + [True] * 64
+    assert not gate.is_frozen(fix(65, north_m=80.0), 0.0)
+
+
+def test_a_place_that_is_held_while_braking_is_believed_at_the_stop() -> None:
+    gate = Gate("vehicle")
+    speeds = [3.0, 2.0, 1.0] + [0.0] * 60
+    frozen = [gate.is_frozen(fix(k, vel=(v, 0.0)), v) for k, v in enumerate(speeds)]
+    assert frozen == [False, True] + [False] * 61

@@ -269,3 +269,13 @@ def test_what_the_tokenizer_refuses_is_unparsable() -> None:
     with pytest.raises(NmeaError) as caught:
         read_sentence(sentence("--GGA,1"))
     assert caught.value.trouble == "unparsable_lines"
+
+
+def test_expected_errors_count_as_standard_deviations() -> None:
+    report = read_sentence(sentence("GPGBS,120001.00,3.0,4.0,9.1,,,,"))
+    assert report is not None
+    assert report.sigma_m == pytest.approx(5.0 / 2**0.5)
+    assert report.tod_s == 43201.0
+    silent = read_sentence(sentence("GPGBS,120001.00,,,,,,,"))
+    assert silent is not None
+    assert silent.sigma_m is None

@@ -154,3 +154,14 @@ def test_the_truth_is_inside_the_radius_of_the_prediction(
         error_m, r95_m = np.array(pairs).T
         assert np.mean(error_m <= r95_m) >= 0.93
         assert np.median(r95_m) < 3.0 * np.percentile(error_m, 95)
+
+
+def test_a_profile_that_was_found_bounds_the_prediction() -> None:
+    # The configured "auto" knows no habits: a walker was given a car's minute, 707 m.
+    simulated = simulate("walk-square", seed=3, duration_s=300.0)
+    pipeline = Pipeline(simulated.header, TrackerSettings(profile="auto"))
+    for frame in simulated.frames:
+        pipeline.feed(frame)
+    assert pipeline.report()["profile"] == "walker"
+    (told,) = pipeline.predict([60.0])
+    assert told.r95_m < 250.0

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.check import network_ports
 from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -126,10 +127,11 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
         yield _unavailable("GPS port", _why_closed(port, health.detail))
         return
     if health.state is not GpsState.OK:
-        advice = _NETWORK_ADVICE if port.startswith("socket://") else _GPS_ADVICE
-        yield _unavailable("GPS port", f"{port}: {advice[health.state]}")
+        advice = network_ports.why_useless(port, health.state)
+        advice = advice or _GPS_ADVICE[health.state]
+        yield _unavailable("GPS port", f"{port}: {advice}")
         return
-    speed = "" if port.startswith("socket://") else f" at {health.baud} baud"
+    speed = "" if "://" in port else f" at {health.baud} baud"
     yield _ok("GPS port", f"{port}{speed}: {' '.join(sorted(kinds))}")
     if not kinds & {"RMC", "GGA", "GNS", "GLL"}:
         yield _unavailable("GPS", "no sentence has a position: it must send RMC or GGA")
@@ -158,16 +160,6 @@ _GPS_ADVICE: Final = {
     GpsState.GARBAGE: (
         "bytes, but no sentence: not NMEA, a wrong gps.baud, or a bad connection"
     ),
-}
-
-
-_NETWORK_ADVICE: Final = {
-    GpsState.SILENT: (
-        "connected, but no NMEA: does the other side send NMEA without being asked? "
-        "gpsd (port 2947) does not: give its NMEA another port"
-    ),
-    GpsState.SEARCHING: "bytes, but no sentence: the other side does not send NMEA",
-    GpsState.GARBAGE: "bytes, but no sentence: the other side does not send NMEA",
 }
 
 
@@ -209,8 +201,8 @@ def _kind(line: bytes) -> str:
 
 
 def _why_closed(port: str, detail: str) -> str:
-    if port.startswith("socket://"):
-        return f"{port}: {detail}: is the other side there, and listening?"
+    if "://" in port:
+        return f"{port}: {network_ports.why_closed(port, detail)}"
     path = Path(port)
     if not path.exists():
         patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")

@@ -12,6 +12,7 @@ __all__ = [
     "record",
     "replay",
     "run",
+    "serve",
     "simulate",
     "status",
 ]

@@ -2,14 +2,14 @@
 
 import argparse
 import json
-import operator
-import os
+import logging
+import math
 import sys
 import time
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from imu_tracker.commands.common import (
     Subparsers,
@@ -18,14 +18,15 @@ from imu_tracker.commands.common import (
     config_of,
     write,
 )
-from imu_tracker.errors import NotRunningError
+from imu_tracker.errors import NotRunningError, TrackerError
 from imu_tracker.sensors import pi_advice as mending
+from imu_tracker.storage import status_file
 
-STALE_S: Final = 5.0
-"""The daemon writes each second; after this long it hangs, or is gone."""
+if TYPE_CHECKING:
+    from imu_tracker.config import Config
+    from imu_tracker.guidance.guide import Guide
 
-_MAX_CHARACTERS: Final = 1_000_000
-"""A hundred times what the daemon writes."""
+log = logging.getLogger(__name__)
 
 _CLEAR: Final = "\x1b[H\x1b[2J"
 
@@ -55,22 +56,51 @@ def add_status(subparsers: Subparsers) -> None:
 
 def run_status(args: argparse.Namespace) -> int:
     """Print the status once, or each second."""
-    path = config_of(args).status.path
+    config = config_of(args)
+    path, guide = config.status.path, _guide_of(config)
     if not args.watch:
-        write(_page(path, is_json=args.json))
+        write(_page(path, guide, is_json=args.json))
         return 0
     clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
     try:
         while True:
-            write(clear + _page(path, is_json=args.json))
+            write(clear + _page(path, guide, is_json=args.json))
             sys.stdout.flush()
             time.sleep(1)
     except KeyboardInterrupt:
         return 0
 
 
-def _page(path: Path, *, is_json: bool) -> str:
+def _guide_of(config: "Config") -> "Guide | None":
+    """Return who guides; a route that is missing or bad is told."""
+    if config.guide.route is None:
+        return None
+    from imu_tracker.guidance.guide import Guide
+    from imu_tracker.guidance.route import read_route
+
+    try:
+        route = read_route(config.guide.route)
+    except TrackerError as error:
+        log.warning("no guidance: %s", error)
+        return None
+    return Guide(route, config.guide.arrival_m, config.guide.limit_m)
+
+
+def _guidance(guide: "Guide", row: dict[str, Any]) -> dict[str, Any]:
+    """Return what the last row means on the route."""
+    from imu_tracker.storage.latlong import LogRow
+
+    places = {name: row.get(name) for name in LogRow._fields[1:7]}
+    numbers = {n: math.nan if v is None else float(v) for n, v in places.items()}
+    row_then = LogRow(utc_s=0.0, mode=str(row.get("mode")), **numbers)
+    return guide.at(row_then).summary()
+
+
+def _page(path: Path, guide: "Guide | None", *, is_json: bool) -> str:
     text, status = read_status(path)
+    if guide is not None and isinstance(row := status.get("row"), dict):
+        status["guide"] = _guidance(guide, row)
+        text = json.dumps(status)
     return f"{text.strip()}\n" if is_json else "\n".join(_lines(status)) + "\n"
 
 
@@ -80,52 +110,14 @@ def read_status(path: Path) -> tuple[str, dict[str, Any]]:
     Raises
     ------
     NotRunningError
-        When there is no daemon, or it stopped writing.
+        When there is no daemon, it stopped writing, or this user may not read it.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MAX_CHARACTERS)
-        status = json.loads(text)
-        age_s = (time.monotonic_ns() - operator.index(status["t_ns"])) / 1e9
-    except FileNotFoundError as error:
-        raise NotRunningError(f"imu-tracker is not running: no {path}") from error
+        return status_file.read_status(path)
     except PermissionError as error:
         raise NotRunningError(
             f"{path}: no permission: {mending.join_group(path, 'imu-tracker')}"
         ) from error
-    except OSError as error:
-        raise NotRunningError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise NotRunningError(f"{path}: not a status of imu-tracker") from error
-    if age_s < 0:  # CLOCK_MONOTONIC began anew
-        raise NotRunningError(
-            f"imu-tracker is not running: {path} is of before the last start of "
-            "this computer"
-        )
-    pid = status.get("pid")
-    if not _is_alive(pid):
-        raise NotRunningError(
-            f"imu-tracker is not running: {path} was left by process {pid}, which was "
-            f"killed; it is {age_s:.0f} s old"
-        )
-    if age_s > STALE_S:
-        raise NotRunningError(
-            f"imu-tracker hangs (process {pid}): {path} is {age_s:.0f} s old"
-        )
-    return text, status
-
-
-def _is_alive(pid: object) -> bool:
-    """Whether the process is there, also one of another user."""
-    if not isinstance(pid, int) or pid <= 0:
-        return False
-    try:
-        os.kill(pid, 0)
-    except PermissionError:
-        return True
-    except (ProcessLookupError, OverflowError):
-        return False
-    return True
 
 
 def _lines(status: dict[str, Any]) -> Iterator[str]:

@@ -12,8 +12,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
+from imu_tracker.config.serving import GuideConfig, ServeConfig
+from imu_tracker.config.table import Table, key
 from imu_tracker.config.values import (
     Bandwidth,
     Baud,
@@ -40,41 +42,38 @@ GYRO_RATE_HZ: Final = 1000
 """What the chip divides by a whole number, with its low-pass filter on."""
 
 
-def _key(default: Any, allowed: str, **limits: Any) -> Any:
-    """Declare a key; `allowed` completes the sentence "must be ..."."""
-    return Field(default, description=allowed, **limits)
-
-
-class Table(BaseModel):
-    """What all tables share: unknown keys and lax types are refused."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        strict=True,
-        extra="forbid",
-        allow_inf_nan=False,
-        validate_default=True,
-    )
+_HOST: Final = r"(?:[^/:\s\[\]]+|\[[0-9a-fA-F:.]+\])"
+_NETWORK_PORTS: Final = {
+    "socket": (
+        rf"socket://{_HOST}:\d{{1,5}}/?",
+        "socket://HOST:PORT, like socket://192.168.1.20:10110",
+    ),
+    "gpsd": (
+        rf"gpsd://{_HOST}:\d{{1,5}}(?:/\S*)?",
+        "gpsd://HOST:PORT or gpsd://HOST:PORT/DEVICE, like gpsd://localhost:2947",
+    ),
+    "udp": (rf"udp://{_HOST}?:\d{{1,5}}/?", "udp://:PORT, like udp://:10110"),
+}
 
 
 class SourceConfig(Table):
     """`[source]`: where the frames come from."""
 
-    kind: Literal["hardware", "simulation", "recording"] = _key(
+    kind: Literal["hardware", "simulation", "recording"] = key(
         "hardware", '"hardware", "simulation" or "recording"'
     )
-    scenario: Scenario = _key(
+    scenario: Scenario = key(
         "drive",
         '"still", "walk-line", "walk-square", "roundabout", "drive", "square", '
         '"circle" or "lissajous"',
     )
-    seed: int = _key(0, "a whole number, 0 or more", ge=0)
-    duration_s: float = _key(
+    seed: int = key(0, "a whole number, 0 or more", ge=0)
+    duration_s: float = key(
         0, "from 0 to 1000000 s; 0 is the scenario's own length", ge=0, le=1e6
     )
-    path: OptionalPath = _key(None, 'the path of a recording, or ""')
-    speed: float = _key(1.0, "from 0.01 to 1000 times real time", ge=0.01, le=1000)
-    start_utc: IsoInstant = _key(
+    path: OptionalPath = key(None, 'the path of a recording, or ""')
+    speed: float = key(1.0, "from 0.01 to 1000 times real time", ge=0.01, le=1000)
+    start_utc: IsoInstant = key(
         "", 'an instant like "2026-11-22T12:00:00Z", or "" for what the recording says'
     )
 
@@ -89,24 +88,24 @@ class SourceConfig(Table):
 class ImuConfig(Table):
     """`[imu]`: the MPU-6050, its bus and how it is mounted."""
 
-    bus: int = _key(1, "the number N of /dev/i2c-N", ge=0, le=255)
-    address: int = _key(0x68, "0x68 (pin AD0 low) or 0x69 (AD0 high)", ge=0x68, le=0x69)
-    rate_hz: float = _key(
+    bus: int = key(1, "the number N of /dev/i2c-N", ge=0, le=255)
+    address: int = key(0x68, "0x68 (pin AD0 low) or 0x69 (AD0 high)", ge=0x68, le=0x69)
+    rate_hz: float = key(
         100.0, "1000 / n for a whole n from 1 to 125: 1000, 500, 250, 200, 125, 100 ..."
     )
-    accel_range_g: Annotated[Literal[2, 4, 8, 16], Exact] = _key(4, "2, 4, 8 or 16")
-    gyro_range_dps: Annotated[Literal[250, 500, 1000, 2000], Exact] = _key(
+    accel_range_g: Annotated[Literal[2, 4, 8, 16], Exact] = key(4, "2, 4, 8 or 16")
+    gyro_range_dps: Annotated[Literal[250, 500, 1000, 2000], Exact] = key(
         500, "250, 500, 1000 or 2000"
     )
-    bandwidth_hz: Annotated[Bandwidth, Exact] = _key(
+    bandwidth_hz: Annotated[Bandwidth, Exact] = key(
         42, "a bandwidth of the chip: 256, 188, 98, 42, 20, 10 or 5"
     )
-    read: Literal["fifo", "burst"] = _key("fifo", '"fifo" or "burst"')
-    mount: MountAxes = _key(
+    read: Literal["fifo", "burst"] = key("fifo", '"fifo" or "burst"')
+    mount: MountAxes = key(
         DEFAULT_MOUNT, 'three chip axes, like ["+x", "-y", "-z"] or ["+y", "+x", "-z"]'
     )
-    calibration: OptionalPath = _key(CALIBRATION, 'a path, or "" for none')
-    allow_unknown_chip: bool = _key(False, "true or false")
+    calibration: OptionalPath = key(CALIBRATION, 'a path, or "" for none')
+    allow_unknown_chip: bool = key(False, "true or false")
 
     @property
     def chosen_rate_hz(self) -> float | None:
@@ -130,70 +129,71 @@ class ImuConfig(Table):
 class GpsConfig(Table):
     """`[gps]`: the receiver, its port and its antenna."""
 
-    port: str = _key(
-        "/dev/serial0", 'a device, or "socket://HOST:PORT"', pattern=r"^\S+$"
+    port: str = key(
+        "/dev/serial0",
+        'a device, "socket://HOST:PORT", "gpsd://HOST:PORT/DEVICE" or "udp://:PORT"',
+        pattern=r"^\S+$",
     )
-    baud: Annotated[Baud, Exact] = _key(
+    baud: Annotated[Baud, Exact] = key(
         "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
     )
-    latency_s: Latency = _key("auto", 'from 0 to 2 s, or "auto"')
-    lever_arm_m: LeverArm = _key(
+    latency_s: Latency = key("auto", 'from 0 to 2 s, or "auto"')
+    lever_arm_m: LeverArm = key(
         (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"
     )
-    date: IsoDate = _key("", 'a date like "2026-11-22", or ""')
+    date: IsoDate = key("", 'a date like "2026-11-22", or ""')
 
     @field_validator("port", mode="after")
     @classmethod
-    def _a_socket_has_a_port(cls, port: str) -> str:
-        if port.startswith("socket://") and not re.fullmatch(
-            r"socket://[^/:\s]+:\d{1,5}/?", port
-        ):
-            raise ValueError(
-                "must be socket://HOST:PORT, like socket://192.168.1.20:10110"
-            )
+    def _a_port_on_the_network_is_whole(cls, port: str) -> str:
+        scheme, slashes, _ = port.partition("://")
+        if slashes and scheme not in _NETWORK_PORTS:
+            raise ValueError
+        if slashes:
+            pattern, allowed = _NETWORK_PORTS[scheme]
+            if not re.fullmatch(pattern, port):
+                raise ValueError(f"must be {allowed}")
         return port
 
 
 class FilterConfig(Table):
     """`[filter]`: the estimator and what it may assume."""
 
-    estimator: Literal["six-state", "error-state"] = _key(
+    estimator: Literal["six-state", "error-state"] = key(
         "error-state", '"error-state" or "six-state"'
     )
-    profile: Literal["auto", "free", "vehicle", "walker"] = _key(
+    profile: Literal["auto", "free", "vehicle", "walker"] = key(
         "auto", '"auto", "free", "vehicle" or "walker"'
     )
-    start: Position = _key(
+    start: Position = key(
         "", 'a position "lat,lon" in degrees, like "51.99,4.37", or ""'
     )
-    start_radius_m: float = _key(50.0, "from 0.1 to 1000000 m", ge=0.1, le=1e6)
+    start_radius_m: float = key(50.0, "from 0.1 to 1000000 m", ge=0.1, le=1e6)
 
 
 class LogConfig(Table):
     """`[log]`: the lat/long log, the product of the program."""
 
-    path: FilePath = _key(
-        Path("/var/log/imu-tracker/latlong.csv"), "the path of a file"
-    )
-    rate_hz: Annotated[Literal[1, 2, 4, 5, 8, 10], Exact] = _key(
+    path: FilePath = key(Path("/var/log/imu-tracker/latlong.csv"), "the path of a file")
+    rate_hz: Annotated[Literal[1, 2, 4, 5, 8, 10], Exact] = key(
         4, "1, 2, 4, 5, 8 or 10"
     )
-    sync_s: float = _key(5.0, "from 0 to 3600 s", ge=0, le=3600)
-    max_mb: float = _key(16.0, "from 0.01 to 4096 MB", ge=0.01, le=4096)
-    min_free_mb: float = _key(500.0, "from 0 to 1000000 MB", ge=0, le=1e6)
+    sync_s: float = key(5.0, "from 0 to 3600 s", ge=0, le=3600)
+    max_mb: float = key(16.0, "from 0.01 to 4096 MB", ge=0.01, le=4096)
+    min_free_mb: float = key(500.0, "from 0 to 1000000 MB", ge=0, le=1e6)
 
 
 class RecordConfig(Table):
     """`[record]`: raw capture beside the tracking."""
 
-    path: OptionalPath = _key(None, 'the path of a recording, or "" for none')
+    path: OptionalPath = key(None, 'the path of a recording, or "" for none')
 
 
 class StatusConfig(Table):
     """`[status]`: the files that `imu-tracker status` and monitors read."""
 
-    path: FilePath = _key(Path("/run/imu-tracker/status.json"), "the path of a file")
-    prometheus: OptionalPath = _key(None, 'a path that ends in .prom, or "" for none')
+    path: FilePath = key(Path("/run/imu-tracker/status.json"), "the path of a file")
+    prometheus: OptionalPath = key(None, 'a path that ends in .prom, or "" for none')
 
     @field_validator("prometheus", mode="after")
     @classmethod
@@ -206,7 +206,7 @@ class StatusConfig(Table):
 class StateConfig(Table):
     """`[state]`: what was learnt, for the next start."""
 
-    path: OptionalPath = _key(STATE, 'the path of a file, or "" for none')
+    path: OptionalPath = key(STATE, 'the path of a file, or "" for none')
 
 
 class Config(Table):
@@ -220,6 +220,8 @@ class Config(Table):
     record: RecordConfig = RecordConfig()
     status: StatusConfig = StatusConfig()
     state: StateConfig = StateConfig()
+    serve: ServeConfig = ServeConfig()
+    guide: GuideConfig = GuideConfig()
 
     @model_validator(mode="after")
     def _outputs_differ(self) -> "Config":
@@ -231,10 +233,10 @@ class Config(Table):
         if self.state.path is not None:
             outputs["state.path"] = self.state.path
         seen: dict[Path, str] = {}
-        for key, path in outputs.items():
+        for name, path in outputs.items():
             if path in seen:
-                raise ValueError(f"{key} and {seen[path]}: must be different files")
-            seen[path] = key
+                raise ValueError(f"{name} and {seen[path]}: must be different files")
+            seen[path] = name
         return self
 
     def tracker_settings(
@@ -292,5 +294,5 @@ class Config(Table):
 def keys() -> Iterator[tuple[str, str, Any]]:
     """Yield table, key and default of everything that can be configured."""
     for table, field in Config.model_fields.items():
-        for key, default in field.default:
-            yield table, key, default
+        for name, default in field.default:
+            yield table, name, default

@@ -41,6 +41,14 @@ class Navigator(Protocol):
 
     in_hindsight: bool
 
+    @property
+    def profile(self) -> str:
+        """The configured profile, or the one that was found."""
+
+    @property
+    def contradicts_receiver(self) -> bool:
+        """Whether the receiver is followed alone, against the IMU."""
+
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
 
@@ -88,12 +96,19 @@ class _Past(NamedTuple):
 
 
 class Rewinding:
-    """Drives an estimator by snapshots of the last seconds."""
+    """Drives an estimator by snapshots of the last seconds.
+
+    Parameters
+    ----------
+    estimator : Estimator
+    profile : {"free", "vehicle", "walker"}
+    """
 
     in_hindsight = False
+    contradicts_receiver = False
 
-    def __init__(self, estimator: Estimator) -> None:
-        self._estimator = estimator
+    def __init__(self, estimator: Estimator, profile: str) -> None:
+        self._estimator, self.profile = estimator, profile
         self._past: deque[_Past] = deque()
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:

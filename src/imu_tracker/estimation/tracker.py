@@ -23,7 +23,6 @@ from imu_tracker.estimation.rewind import (
     Navigator,
     Rewinding,
 )
-from imu_tracker.estimation.six_state.estimator import SixState
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
 from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
@@ -88,8 +87,11 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
         if prior is not None:
             prior = _later(prior, -latency_s)
         return ErrorState(settings.profile, settings.lever_arm_m, prior)
+    # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
+    from imu_tracker.estimation.six_state.estimator import SixState
+
     profile = "free" if settings.profile == "auto" else settings.profile
-    return Rewinding(SixState(profile, settings.lever_arm_m))
+    return Rewinding(SixState(profile, settings.lever_arm_m), profile)
 
 
 def _later(learnt: Learnt, by_s: float) -> Learnt:
@@ -316,7 +318,7 @@ class Tracker:
             no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
             said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
             self._notices.append(said)
-        if not has_imu:
+        if not has_imu or self._navigator.contradicts_receiver:
             return Mode.GPSONLY
         if self._last_rest is not None:
             return Mode.STILL
@@ -335,7 +337,7 @@ class Tracker:
             believed,
             navigator.speed()[1],
             turn_radps,
-            self._settings.profile,
+            navigator.profile,
             after_s,
         )
 

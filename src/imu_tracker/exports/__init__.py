@@ -3,4 +3,13 @@
 In: rows of the log. Out: text of a file. Not here: reading the log (`storage/`).
 """
 
-__all__ = ["geojson", "gpx", "kml", "merging", "nmea", "page", "palette"]
+__all__ = [
+    "geojson",
+    "gpx",
+    "kml",
+    "merging",
+    "nmea",
+    "page",
+    "palette",
+    "thinning",
+]

@@ -11,7 +11,7 @@ Source: NMEA 0183 4.10; u-blox M8 receiver description, section 31.1.5 (fix flag
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
 import pynmea2
 
@@ -26,8 +26,21 @@ SIGMAS_IN_R95: Final = math.sqrt(-2.0 * math.log(0.05))
 SATELLITES: Final = "04"
 """As many as a fix with height takes; the log does not know how many there were."""
 
-_MPS_PER_KNOT: Final = 1852 / 3600
-_ESTIMATED: Final = (Mode.DR, Mode.STILL)
+MPS_PER_KNOT: Final = 1852 / 3600
+_ESTIMATED_MODES: Final = (Mode.DR, Mode.STILL)
+
+
+class Validity(NamedTuple):
+    """How sentences mark a position: RMC's status, FAA mode, GGA's quality."""
+
+    status: str
+    mode: str
+    quality: str
+
+
+MEASURED: Final = Validity("A", "A", "1")
+ESTIMATED: Final = Validity("A", "E", "6")
+INVALID: Final = Validity("V", "N", "0")
 
 
 def nmea(points: Iterable[Point]) -> Iterator[str]:
@@ -46,37 +59,34 @@ def nmea(points: Iterable[Point]) -> Iterator[str]:
                 "logs one by one"
             )
         track = point.track
-        yield from _sentences(point.row)
+        is_estimated = point.row.mode in _ESTIMATED_MODES
+        yield from sentences_of(point.row, ESTIMATED if is_estimated else MEASURED)
 
 
-def _sentences(row: LogRow) -> Iterator[str]:
+def sentences_of(row: LogRow, validity: Validity) -> Iterator[str]:
+    """Yield RMC, GGA and GST of a row, each with its CR LF."""
     utc = format_utc(row.utc_s)
     time = f"{utc[11:13]}{utc[14:16]}{utc[17:23]}"
     date = f"{utc[8:10]}{utc[5:7]}{utc[2:4]}"
-    is_estimated = row.mode in _ESTIMATED
-    position = (*_angle(row.lat_deg, "NS", 2), *_angle(row.lon_deg, "EW", 3))
-    speed = f"{row.speed_mps / _MPS_PER_KNOT:.3f}"
+    position = (*angle(row.lat_deg, "NS", 2), *angle(row.lon_deg, "EW", 3))
+    speed = f"{row.speed_mps / MPS_PER_KNOT:.3f}"
     course = "" if math.isnan(row.course_deg) else f"{row.course_deg:.1f}"
     height = "" if math.isnan(row.alt_m) else f"{row.alt_m:.1f}"
     sigma = f"{row.r95_m / SIGMAS_IN_R95:.3f}"
-    quality, mode = ("6", "E") if is_estimated else ("1", "A")
-    for kind, sentence, fields in (
-        (
-            "RMC",
-            pynmea2.RMC,
-            (time, "A", *position, speed, course, date, "", "", mode),
-        ),
-        (
-            "GGA",
-            pynmea2.GGA,
-            (time, *position, quality, SATELLITES, "", height, "M", "", "M", "", ""),
-        ),
-        ("GST", pynmea2.GST, (time, "", sigma, sigma, "", sigma, sigma, "")),
-    ):
-        yield f"{sentence('GP', kind, fields)}\r\n"
+    status, mode, quality = validity
+    yield sentence("RMC", time, status, *position, speed, course, date, "", "", mode)
+    yield sentence(
+        "GGA", time, *position, quality, SATELLITES, "", height, "M", "", "M", "", ""
+    )
+    yield sentence("GST", time, "", sigma, sigma, "", sigma, sigma, "")
 
 
-def _angle(angle_deg: float, letters: str, width: int) -> tuple[str, str]:
+def sentence(kind: str, *fields: str) -> str:
+    """Write a sentence with its checksum and CR LF."""
+    return f"{pynmea2.TalkerSentence('GP', kind, fields)}\r\n"
+
+
+def angle(angle_deg: float, letters: str, width: int) -> tuple[str, str]:
     """Return degrees and minutes in one number, and the hemisphere."""
     degrees, units = divmod(round(abs(angle_deg) * 60e6), 60_000_000)
     minutes, millionths = divmod(units, 1_000_000)

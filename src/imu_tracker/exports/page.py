@@ -1,6 +1,6 @@
 """A map in one HTML file: opens anywhere, asks nothing of the net.
 
-The page draws itself, by some two hundred lines of script of our own in `page.html`:
+The page draws itself, by some two hundred lines of script of our own in `map.js`:
 a library for maps is twenty times that and shines with tiles, which we have not. This
 module fills in the points, as columns of whole numbers to keep the file small.
 """
@@ -27,16 +27,24 @@ def html(points: Iterable[Point]) -> Iterator[str]:
     """Yield the page; the points are thinned when there are too many."""
     thinner = Thinner(MAX_POINTS)
     thinner.take_all(points)
-    page = resources.files("imu_tracker.exports").joinpath("page.html")
-    begin, _, end = page.read_text("utf-8").partition(_MARK)
+    page = asset("page.html").replace("{{style}}", asset("map.css"))
+    begin, _, end = page.replace("{{script}}", asset("map.js")).partition(_MARK)
     yield begin
-    text = json.dumps(_data(thinner), separators=(",", ":"), allow_nan=False)
+    text = json.dumps(
+        map_data(thinner.points, thinner), separators=(",", ":"), allow_nan=False
+    )
     yield text.replace("<", "\\u003c")  # a name must not end the script
     yield end
 
 
-def _data(thinner: Thinner) -> dict[str, Any]:
-    names = [name for name, _ in groupby(thinner.points, lambda point: point.track)]
+def asset(name: str) -> str:
+    """Return a file of this room: the map's script and style, which others show too."""
+    return resources.files("imu_tracker.exports").joinpath(name).read_text("utf-8")
+
+
+def map_data(points: list[Point], thinner: Thinner) -> dict[str, Any]:
+    """Return points as the script of the map reads them."""
+    names = [name for name, _ in groupby(points, lambda point: point.track)]
     return {
         "rows": thinner.taken,
         "step_m": thinner.step_m,
@@ -44,7 +52,7 @@ def _data(thinner: Thinner) -> dict[str, Any]:
         "tracks": names,
         "segments": [
             _columns(list(segment), names)
-            for _, segment in groupby(thinner.points, lambda point: point.segment)
+            for _, segment in groupby(points, lambda point: point.segment)
         ],
     }
 

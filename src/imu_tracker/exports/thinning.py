@@ -41,11 +41,24 @@ class Thinner:
     def take_all(self, points: Iterable[Point]) -> None:
         """Take a whole stream, with its end."""
         for point in points:
-            self.taken += 1
-            self.points += self._sieve.feed(point)
-            while len(self.points) > self._limit:
-                self._make_room()
-        self.points += self._sieve.end()
+            self.take(point)
+        self.points = self.with_end()
+
+    def take(self, point: Point) -> None:
+        """Take a point of a stream that has no end."""
+        self.taken += 1
+        self.points += self._sieve.feed(point)
+        while len(self.points) > self._limit:
+            self._make_room()
+
+    def with_end(self) -> list[Point]:
+        """Return what was kept, with the newest point."""
+        return [*self.points, *self._sieve.end()]
+
+    def drop_before(self, utc_s: float) -> None:
+        """Forget the oldest points, a hundred or more at once."""
+        if len(self.points) > 100 and self.points[100].row.utc_s < utc_s:
+            del self.points[:100]
 
     def _make_room(self) -> None:
         """Thin what was kept to three quarters of the limit at most."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.errors import InputMissingError, RecordingError
+from imu_tracker.geometry.geodesy import radii_m
 from imu_tracker.recording.edit import Outage
 from imu_tracker.storage.torn_lines import MAX_LINE_BYTES
 
@@ -31,8 +32,7 @@ WARM_UP_S: Final = 30.0
 
 _COLUMNS: Final = ("time_utc", "lat_deg", "lon_deg")
 
-_WGS84_A_M: Final = 6378137.0
-_WGS84_E2: Final = 6.69437999014e-3
+_radii_m = np.vectorize(radii_m, otypes=[float, float])
 
 
 class Track(NamedTuple):
@@ -220,9 +220,7 @@ def describe(figures: dict[str, Any]) -> Iterable[str]:
 def metres_per_degree(lat_deg: Array) -> tuple[Array, Array]:
     """Return metres per degree of latitude and of longitude on the WGS-84 ellipsoid."""
     lat_rad = np.radians(lat_deg)
-    w = 1 - _WGS84_E2 * np.sin(lat_rad) ** 2
-    meridian_m = _WGS84_A_M * (1 - _WGS84_E2) / w**1.5
-    prime_vertical_m = _WGS84_A_M / np.sqrt(w)
+    meridian_m, prime_vertical_m = _radii_m(lat_rad)
     return np.radians(meridian_m), np.radians(prime_vertical_m * np.cos(lat_rad))
 
 

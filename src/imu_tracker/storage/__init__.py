@@ -5,4 +5,12 @@ repair of a torn tail, rotation, atomic replacement. Not here: the recording's f
 (`recording/`).
 """
 
-__all__ = ["append_file", "calibration_file", "latlong", "state_file", "torn_lines"]
+__all__ = [
+    "append_file",
+    "calibration_file",
+    "latlong",
+    "log_tail",
+    "state_file",
+    "status_file",
+    "torn_lines",
+]

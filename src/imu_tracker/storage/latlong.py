@@ -15,10 +15,7 @@ from datetime import UTC, datetime, timedelta
 from functools import lru_cache, partial
 from math import atan2, ceil, degrees, hypot
 from pathlib import Path
-from typing import Final, NamedTuple, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from imu_tracker.errors import InputMissingError, LogError
 from imu_tracker.samples import NavState
@@ -42,9 +39,13 @@ _ROW = re.compile(
     rb",(gpsonly|still|gps|dr)"
 )
 
+if TYPE_CHECKING:  # who follows the log row by row needs no 25 MB of numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
 log = logging.getLogger(__name__)
 
-Column: TypeAlias = NDArray[np.float64]
+Column: TypeAlias = "NDArray[np.float64]"
 
 
 @lru_cache(maxsize=2)
@@ -223,14 +224,14 @@ class LogRow(NamedTuple):
 class LoggedTrack(NamedTuple):
     """The columns of a lat/long log; what is empty in the file is NaN."""
 
-    utc_s: Column
-    lat_deg: Column
-    lon_deg: Column
-    alt_m: Column
-    speed_mps: Column
-    course_deg: Column
-    r95_m: Column
-    mode: NDArray[np.str_]
+    utc_s: "Column"
+    lat_deg: "Column"
+    lon_deg: "Column"
+    alt_m: "Column"
+    speed_mps: "Column"
+    course_deg: "Column"
+    r95_m: "Column"
+    mode: "NDArray[np.str_]"
 
 
 def read_log(path: Path) -> LoggedTrack:
@@ -243,6 +244,8 @@ def read_log(path: Path) -> LoggedTrack:
     InputMissingError
         When there is no such file.
     """
+    import numpy as np
+
     rows = list(read_rows(path))
     columns = list(zip(*rows, strict=True)) or [()] * 8
     numbers = [np.array(column, dtype=np.float64) for column in columns[:7]]
@@ -259,7 +262,7 @@ def read_rows(path: Path) -> Iterator[LogRow]:
             try:
                 if number == 1:
                     raise ValueError
-                yield _parsed(line)
+                yield parse_row(line)
             except ValueError as error:
                 expected = f"{'the header' if number == 1 else 'a row of'} {HEADER}"
                 raise LogError(
@@ -270,7 +273,8 @@ def read_rows(path: Path) -> Iterator[LogRow]:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
 
 
-def _parsed(line: bytes) -> LogRow:
+def parse_row(line: bytes) -> LogRow:
+    """Read one line, without its newline; ValueError when it is no row."""
     match = _ROW.fullmatch(line)
     if match is None:
         raise ValueError

@@ -25,7 +25,6 @@ from pydantic import (
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config.values import MountAxes
 from imu_tracker.errors import OutputError, StateError, shown
-from imu_tracker.estimation.error_state.hypotheses.noise_bank import NOISE_LEVELS
 from imu_tracker.estimation.error_state.warm_start import Learnt, Place
 from imu_tracker.samples import Mount
 
@@ -119,7 +118,7 @@ class LearntPart(_Part):
     """`estimation.memory.Learnt`, with what is plausible of each value."""
 
     profile: Literal["free", "vehicle", "walker"]
-    noise_level: int = Field(ge=0, lt=len(NOISE_LEVELS))
+    noise_level: int = Field(ge=0, le=9)  # the estimator knows which levels there are
     gyro_bias_radps: _Biases
     gyro_bias_sigma_radps: _BiasSigmas
     accel_bias_mps2: _Biases

@@ -15,9 +15,14 @@ from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.fix_update import FixUpdate
 from imu_tracker.estimation.error_state.fixed_lag import Trail
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
+from imu_tracker.estimation.error_state.hypotheses.mixture import radius_m
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
     START_LEVEL,
     NoiseBank,
+    known_level,
+)
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
+    AloneEstimate,
 )
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Carrier
@@ -44,8 +49,9 @@ from imu_tracker.estimation.error_state.warm_start import (
     is_remounted,
     learnt_of,
 )
-from imu_tracker.estimation.estimate import Estimate, r95_of
+from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate, to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -91,14 +97,14 @@ class ErrorState:
         self._shift_ns = 0  # fixes describe so much later than the tracker says
         self._prior = prior
         self._since: tuple[Since, GpsFix | None] | None = None  # to be recalled
-        level = START_LEVEL if prior is None else prior.noise_level
+        level = START_LEVEL if prior is None else known_level(prior.noise_level)
         self._carrier = Carrier(profile)
         self._bank = NoiseBank(level, is_vehicle=self._carrier.is_vehicle)
         self._alignment = Alignment(self._bank, self._carrier, self._notify)
         self._propagation = Propagation(self._bank, self._alignment, self._carrier)
         self._fixes = FixUpdate(
             *(lever_arm_m, self._bank, self._alignment, self._carrier),
-            self._propagation,
+            *(self._propagation, self._notify),
         )
         self._trail = Trail()
         if prior is not None:
@@ -186,7 +192,56 @@ class ErrorState:
 
     # -------------------------------------------------------------------- estimates
 
+    @property
+    def contradicts_receiver(self) -> bool:
+        """Whether the IMU is being relearnt, and the receiver is followed alone."""
+        return self._fixes.comparison.odds.is_imu_out
+
+    @property
+    def _has_imu_lead(self) -> bool:
+        fixes = self._fixes
+        is_silent = self._propagation.is_imu_silent
+        return not fixes.comparison.alone.is_running or (
+            fixes.comparison.odds.has_imu_lead and not is_silent
+        )
+
     def estimate_after(self, dt_s: float) -> Estimate:
+        """Place of the leading hypothesis, and the radius that holds both."""
+        imu, alone = self._by_imu(dt_s), self._by_receiver(dt_s)
+        if alone is None:
+            return imu
+        here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
+        apart_m = math.hypot(*here.to_ne(alone.lat_rad, alone.lon_rad))
+        is_silent = self._propagation.is_imu_silent
+        weight = 0.0 if is_silent else self._fixes.comparison.odds.imu_weight
+        leader, other, share = imu, alone, weight
+        if not self._has_imu_lead:
+            leader, other, share = alone, imu, 1.0 - weight
+        r95 = radius_m(
+            [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
+        )
+        return leader._replace(r95_m=min(r95, _LARGEST_RADIUS_M))
+
+    def _by_receiver(self, dt_s: float) -> Estimate | None:
+        """Estimate without an IMU; height and attitude are the filter's."""
+        if not self._fixes.comparison.alone.is_running:
+            return None
+        eskf, at = self._eskf, self._alone_at(dt_s)
+        alt_origin_m = self._fixes.alt_origin_m
+        alt_m = None if alt_origin_m is None else alt_origin_m - eskf.nominal.p_n[2]
+        r95 = R95_PER_SIGMA * math.sqrt(at.position_var_m2)
+        v_n = (*at.v_ne_mps, eskf.nominal.v_n[2])
+        return Estimate(at.lat_rad, at.lon_rad, alt_m, v_n, eskf.nominal.q_nb, r95)
+
+    def _alone_at(self, dt_s: float) -> AloneEstimate:
+        """State of the receiver's hypothesis `dt_s` after the last step."""
+        after_s = dt_s + self._eskf.delay_s
+        t_ns = self._trail.now_ns + round(after_s * 1e9) + self._shift_ns
+        return self._fixes.comparison.alone.estimate_at(
+            t_ns, self._carrier.unknown_accel_psd
+        )
+
+    def _by_imu(self, dt_s: float) -> Estimate:
         """Predict from the filter's instant to one after the last step."""
         eskf, alignment, fixes = self._eskf, self._alignment, self._fixes
         t_ns = self._trail.now_ns + round(dt_s * 1e9) + self._shift_ns
@@ -217,8 +272,16 @@ class ErrorState:
         cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
         return cov
 
+    @property
+    def profile(self) -> str:
+        """The configured profile, or the one that was found."""
+        return self._carrier.profile
+
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
+        if not self._has_imu_lead:
+            alone = self._alone_at(0.0)
+            return math.hypot(*alone.v_ne_mps), math.sqrt(alone.velocity_var)
         vn, ve, _ = self._eskf.nominal.v_n
         return math.hypot(vn, ve), max(self._eskf.sigma(3), self._eskf.sigma(4))
 
@@ -319,4 +382,8 @@ class ErrorState:
             "nis_mean": fixes.nis_mean,
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,
+            "hypotheses": {
+                "imu": fixes.comparison.odds.imu_weight,
+                "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,
+            },
         }

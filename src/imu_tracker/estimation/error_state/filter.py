@@ -11,9 +11,9 @@ from operator import add
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
+from imu_tracker.estimation.error_state.kalman import predicted, updated
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_NOISE_PSD,
@@ -120,9 +120,7 @@ class Eskf:
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
         self.noise = noise
         self._is_vehicle = is_vehicle
-        self._kf = KalmanFilter(dim_x=N_ERRORS, dim_z=2)
-        self._kf.x = np.zeros(N_ERRORS)
-        self._kf.P = start_covariance(is_vehicle=is_vehicle)
+        self.P = start_covariance(is_vehicle=is_vehicle)
         self.nominal = Nominal(0, _ZERO, _ZERO, IDENTITY)
         self.gravity_mps2 = 9.81
         self.gyro_bias_radps: Vec3 = _ZERO
@@ -146,28 +144,17 @@ class Eskf:
     def clone(self, noise: NoiseLevel) -> "Eskf":
         """Copy with another noise level; arrays are replaced, never changed."""
         other = copy(self)
-        other._kf = copy(self._kf)
         other.noise = noise
         return other
-
-    @property
-    def P(self) -> Array:
-        """Covariance of the errors."""
-        P: Array = self._kf.P
-        return P
-
-    @P.setter
-    def P(self, P: Array) -> None:
-        self._kf.P = P
 
     def set_variances(self, where: slice | int, variances: ArrayLike) -> None:
         """Make some errors known so well, and independent of all others."""
         if isinstance(where, int):
             where = slice(where, where + 1)
-        P = self._kf.P.copy()
+        P = self.P.copy()
         P[where, :] = P[:, where] = 0.0
         P[where, where] = np.diag(np.atleast_1d(variances))
-        self._kf.P = P
+        self.P = P
 
     def set_vehicle(self, *, is_vehicle: bool) -> None:
         """Begin, or cease, to learn a mounting."""
@@ -187,13 +174,13 @@ class Eskf:
         H = np.zeros((2, N_ERRORS))
         H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
         H[:, ACCEL_BIAS] = -matrix(self.nominal.q_nb)[:2]
-        return 0.5 * float(np.trace(H @ self._kf.P @ H.T))
+        return 0.5 * float(np.trace(H @ self.P @ H.T))
 
     @property
     def down_bias(self) -> tuple[float, float]:
         """Gyro bias about down, rad/s, and its variance."""
         down_b = matrix(self.nominal.q_nb)[2]
-        variance = float(down_b @ self._kf.P[GYRO_BIAS, GYRO_BIAS] @ down_b)
+        variance = float(down_b @ self.P[GYRO_BIAS, GYRO_BIAS] @ down_b)
         return float(down_b @ np.array(self.gyro_bias_radps)), variance
 
     @property
@@ -293,12 +280,12 @@ class Eskf:
         self.axle_m = -self.axle_m
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
-        self._kf.P = T @ self._kf.P @ T.T
+        self.P = T @ self.P @ T.T
 
     def take_over(self, other: "Eskf") -> None:
         """Become another filter, but for the noise level and what it cannot know."""
         delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self._kf.P.diagonal(), self.noise
+        kept, noise = self.P.diagonal(), self.noise
         self.__dict__.update(other.clone(noise).__dict__)
         self.set_variances(DELAYS, kept[DELAYS])
         self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
@@ -306,7 +293,7 @@ class Eskf:
     def forget_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
-        tilt_var = max(_DOUBTED_TILT_RAD**2, *self._kf.P.diagonal()[TILT])
+        tilt_var = max(_DOUBTED_TILT_RAD**2, *self.P.diagonal()[TILT])
         for where in (ACCEL_BIAS, MOUNTING, GYRO_GAIN, AXLE):
             self.set_variances(where, fresh[where])
         self.set_variances(ATTITUDE, [tilt_var, tilt_var, yaw_sigma_rad**2])
@@ -335,7 +322,7 @@ class Eskf:
             self.receiver_var,
             is_vehicle=self._is_vehicle,
         )
-        self._kf.predict(F=F, Q=Q)
+        self.P = predicted(self.P, F, Q)
         north, east = self.receiver_ne_m
         decay = float(F[17, 17])
         self.receiver_ne_m = (north * decay, east * decay)
@@ -362,15 +349,13 @@ class Eskf:
 
     def innovation_covariance(self, measured: Measurement) -> Array:
         """S = H P H' + R."""
-        S: Array = measured.H @ self._kf.P @ measured.H.T + measured.R
+        S: Array = measured.H @ self.P @ measured.H.T + measured.R
         return S
 
     def apply(self, measured: Measurement) -> None:
         """Fold a measurement into the solution."""
-        kf = self._kf
-        kf.update(measured.z, R=measured.R, H=measured.H)
-        self._inject(kf.x)
-        kf.x = np.zeros(N_ERRORS)
+        errors, self.P = updated(self.P, *measured)
+        self._inject(errors)
 
     def _inject(self, x: Array) -> None:
         """Add the errors to the solution."""
@@ -402,7 +387,7 @@ class Eskf:
 
     def sigma(self, i: int) -> float:
         """Standard deviation of an error."""
-        return math.sqrt(max(float(self._kf.P[i, i]), 0.0))
+        return math.sqrt(max(float(self.P[i, i]), 0.0))
 
     def take_receiver_var(self, variance: float) -> None:
         """Let the receiver's lasting error be as large as it is found to be now.
@@ -420,7 +405,7 @@ class Eskf:
         before = self.receiver_var + kept * over
         self._granted_var, self._granted_ns = max(before, variance), self.nominal.t_ns
         self.receiver_var = variance
-        P = self._kf.P
+        P = self.P
         mean = 0.5 * float(P[17, 17] + P[18, 18])
         growth = min((variance / before - 1.0) * mean, variance - mean)
         if growth > 0.0:
@@ -430,7 +415,7 @@ class Eskf:
                 P[b, b] += growth
                 P[p, b] -= growth
                 P[b, p] -= growth
-            self._kf.P = P
+            self.P = P
             return
         worst = max(P[17, 17], P[18, 18])
         if worst > MUCH_LARGER * variance > 0.0:
@@ -438,7 +423,7 @@ class Eskf:
             P = P.copy()
             P[17:19, :] *= shrink
             P[:, 17:19] *= shrink
-            self._kf.P = P
+            self.P = P
             north, east = self.receiver_ne_m
             self.receiver_ne_m = (north * shrink, east * shrink)
 

@@ -1,6 +1,7 @@
 """A fix against the filters: believed, softened, refused, or begun anew from."""
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -8,8 +9,10 @@ import numpy as np
 from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
-from imu_tracker.estimation.error_state.hypotheses.divergence import OrientationWatch
+from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
+from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.hypotheses.reorient import forget_gyro_bias
 from imu_tracker.estimation.error_state.platform import Carrier
 from imu_tracker.estimation.error_state.propagation import (
     ANY_HEIGHT_VAR,
@@ -24,9 +27,11 @@ from imu_tracker.estimation.error_state.receiver_model import (
 )
 from imu_tracker.estimation.error_state.states import (
     DELAY,
+    DELAYS,
     POSITION,
     RECEIVER,
     VELOCITY,
+    start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
@@ -51,10 +56,14 @@ class FixUpdate:
     alignment : Alignment
     carrier : Carrier
     propagation : Propagation
+    notify : callable
+        Takes in words what people want to read of.
 
     Attributes
     ----------
     receiver : ReceiverModel
+    comparison : Comparison
+        Of the filters with the receiver alone.
     alt_origin_m : float or None
         Height of the origin of positions, once a fix has told it.
     doubt_m : float
@@ -70,7 +79,9 @@ class FixUpdate:
         alignment: Alignment,
         carrier: Carrier,
         propagation: Propagation,
+        notify: Callable[[str], None],
     ) -> None:
+        self._notify = notify
         self._lever_arm_m = lever_arm_m
         self._bank, self._alignment, self._carrier = bank, alignment, carrier
         self._propagation = propagation
@@ -80,8 +91,7 @@ class FixUpdate:
         self.doubt_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0
         self._n_used = 0
-        self._watch = OrientationWatch()
-        self._is_lost = False
+        self.comparison = Comparison(carrier)
         self._restarted_ns: int | None = None
 
     @property
@@ -97,6 +107,7 @@ class FixUpdate:
     def change_profile(self) -> None:
         """Gate by what the carrier may do now."""
         self._gate = Gate(self._carrier.profile)
+        self.comparison.change_profile()
 
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
@@ -122,10 +133,23 @@ class FixUpdate:
         position = receiver.position(eskf, fix, frame, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
+        has_say = is_aligned and not self._propagation.is_imu_silent
+        verdict = self.comparison.weigh(
+            *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
+        )
+        if verdict is Verdict.IMU_LOST:
+            if not self._saves_imu(fix):
+                self._relearn(fix)
+            return FixOutcome.ACCEPTED
+        if verdict is Verdict.IMU_BACK:
+            self._notify("the IMU agrees with the receiver again")
         if not self._gate.passes(nis):
+            has_lead = self.comparison.odds.has_imu_lead
             if self._gate.reject(fix):
                 self._restart(fix)
-                return FixOutcome.REACQUIRED
+                return FixOutcome.REACQUIRED if has_lead else FixOutcome.ACCEPTED
+            if not has_lead:
+                return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
                 self.doubt_m = math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
@@ -133,7 +157,8 @@ class FixUpdate:
         self.doubt_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
-        if self._propagation.dark_s < DARK_AFTER_S and is_aligned:
+        is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
+        if is_tracking and self.comparison.odds.has_imu_lead:
             # The fix as it is, not as it counts: votes would make any receiver shine.
             S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
@@ -145,19 +170,32 @@ class FixUpdate:
             self._correct(self._alignment.agnostic, fix, ahead_s)
         if is_aligned:
             self._alignment.judge(main, challenger, receiver.period_s)
-        if self._bank.main is not eskf:
-            self._watch.forget()  # it is another's past
-            self._is_lost = False
         self._propagation.dark_s = 0.0
-        if self._is_lost:
-            self._restart(fix)
-            return FixOutcome.REACQUIRED
         return FixOutcome.ACCEPTED
 
-    def _lose_orientation(self) -> None:
-        self._alignment.lose()
-        self._watch.forget()
-        self._is_lost, self._restarted_ns = False, None
+    def _saves_imu(self, fix: GpsFix) -> bool:
+        """Whether it was only a heading that was wrong, by trial or by guess."""
+        alignment = self._alignment
+        is_guess = alignment.agnostic is not None
+        if not alignment.take_other_heading():
+            if not is_guess:
+                return False
+            alignment.doubt_course()
+        self._begin_at(fix)
+        self.comparison.odds.pardon()
+        return True
+
+    def _relearn(self, fix: GpsFix) -> None:
+        """Learn the IMU anew, beside the receiver that it contradicts."""
+        self._alignment.lose("the IMU contradicts the receiver: GPS alone")
+        self._alignment.doubt_course()
+        self._restarted_ns = None
+        fresh = start_covariance(is_vehicle=False).diagonal()
+        for eskf in self._bank.filters:
+            forget_gyro_bias(eskf)
+            eskf.set_variances(DELAYS, fresh[DELAYS])
+        self.receiver.forget_noise()
+        self._begin_at(fix)
 
     def _doubt(self, eskf: Eskf, variance: float) -> None:
         """Open up where the receiver's error would have to be larger than it can be.
@@ -189,17 +227,10 @@ class FixUpdate:
         eskf.apply(position)
         eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
         velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        seen = fix.vel_ne_mps
-        if seen and velocity is not None and propagation.rest is None:
+        if velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
-            if eskf is self._bank.main and is_aligned:
-                self._is_lost = self._watch.observe(
-                    *(fix.t_ns, seen, receiver.velocity_var),
-                    receiver.accel_mps2 or 0.0,
-                    *(self._carrier.unknown_accel_psd, velocity.z),
-                    S - velocity.R * (1.0 - 1.0 / receiver.velocity_votes),
-                )
             is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
+            is_tracking = is_tracking and self.comparison.odds.has_imu_lead
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
@@ -214,9 +245,15 @@ class FixUpdate:
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
-        is_doubtful = fix.vel_ne_mps is None or self._watch.lead_nats < 0.0
-        if self._is_lost or (is_again and is_doubtful):
-            self._lose_orientation()
+        is_doubtful = fix.vel_ne_mps is None or self.comparison.odds.nats < 0.0
+        if is_again and is_doubtful:
+            self._alignment.lose()
+            self._restarted_ns = None
+        self.comparison.odds.doubt()
+        self._begin_at(fix)
+
+    def _begin_at(self, fix: GpsFix) -> None:
+        """Put all filters where the receiver is."""
         down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.doubt_m = 0.0

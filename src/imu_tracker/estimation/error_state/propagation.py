@@ -64,6 +64,11 @@ class Propagation:
         self.dark_s = 0.0
 
     @property
+    def is_imu_silent(self) -> bool:
+        """Whether the IMU has said nothing for seconds."""
+        return self._silent_s > SILENT_TURN_LASTS_S
+
+    @property
     def behaviour(self) -> Behaviour:
         """What the body is known to do."""
         return self._behaviour

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import FixNoise
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     N_ERRORS,
@@ -55,6 +56,10 @@ receiver differentiates positions; never so large that it counts for nothing."""
 VELOCITY_LASTS_S: Final = 4.0
 """Errors of a Doppler velocity are the satellites' and the filter's, and last so
 long: velocities of so many seconds are one."""
+
+LATE_S: Final = 1.0
+"""Receivers that smooth their velocities tell them late by a varying second: that is no
+fault of the filter's."""
 
 ACCEL_OVER_S: Final = 0.8
 LONGEST_S: Final = 10.0
@@ -149,6 +154,22 @@ class ReceiverModel:
         claimed = LASTING_VAR_SHARE * fix.sigma_h_m**2
         return max(claimed * self.nis_level, min(claimed, BEST_LASTING_SIGMA_M**2))
 
+    def noise(self, fix: GpsFix, position: Measurement) -> FixNoise:
+        """Noise of a fix for a hypothesis without an IMU.
+
+        Without an IMU nothing shows that a receiver is better than it says.
+
+        Parameters
+        ----------
+        fix : GpsFix
+        position : Measurement
+            The same fix for a hypothesis with an IMU.
+        """
+        lasting_var = max(self.nis_level, 1.0) * fix.sigma_h_m**2
+        late_var = (LATE_S * (self.accel_mps2 or 0.0)) ** 2
+        velocity_var = self.velocity_var * self.velocity_votes
+        return FixNoise(float(position.R[0, 0]), velocity_var, lasting_var, late_var)
+
     def position(
         self,
         eskf: Eskf,
@@ -221,6 +242,10 @@ class ReceiverModel:
         variance = (ALTITUDE_FACTOR * fix.sigma_h_m) ** 2
         votes = max(1.0, ALTITUDE_VOTES / self.period_s)
         return Measurement(z, H, np.eye(1) * variance * votes)
+
+    def forget_noise(self) -> None:
+        """Take the receiver at its word: what was learnt came from a wrong filter."""
+        self.nis_level, self.velocity_var = 1.0, VELOCITY_START_MPS**2
 
     def learn_position(self, nis: float) -> None:
         """Follow how true the receiver's claim is: E[NIS] = 2."""

@@ -40,6 +40,9 @@ MIN_AGREEING_FIXES: Final = 3
 MAX_SPEED_MPS: Final = {"vehicle": 90.0, "walker": 12.0, "free": 350.0}
 """Between two fixes that agree: a sports car, a sprinter, an airliner."""
 
+LEFT_M: Final = 15.0
+"""A receiver that holds its place while it brakes to a stop is at most so far off."""
+
 _AGREEING_SIGMAS: Final = 4.0  # of a receiver that may be too sure of itself
 _AGREEING_ACCEL_MPS2: Final = 3.0  # brisk driving
 _FROZEN_SPEED_MPS: Final = 1.0  # a parked receiver tells less
@@ -52,6 +55,7 @@ class Gate:
         self._max_speed_mps = MAX_SPEED_MPS[profile]
         self._streak: list[GpsFix] = []
         self._last: GpsFix | None = None
+        self._missed_m = 0.0  # way by the speed while the place was repeated
 
     @property
     def n_agreeing(self) -> int:
@@ -61,6 +65,9 @@ class Gate:
     def is_frozen(self, fix: GpsFix, speed_mps: float) -> bool:
         """Whether the receiver repeats a position while it moves.
 
+        A place that it was surely driven away from stays frozen at the next stop, until
+        the digits change.
+
         Parameters
         ----------
         fix : GpsFix
@@ -68,11 +75,12 @@ class Gate:
             The fix's own speed where it has one, else the filter's.
         """
         last, self._last = self._last, fix
-        return (
-            last is not None
-            and speed_mps > _FROZEN_SPEED_MPS
-            and (last.lat_rad, last.lon_rad) == (fix.lat_rad, fix.lon_rad)
-        )
+        if last is None or (last.lat_rad, last.lon_rad) != (fix.lat_rad, fix.lon_rad):
+            self._missed_m = 0.0
+            return False
+        self._missed_m += speed_mps * max((fix.t_ns - last.t_ns) * 1e-9, 0.0)
+        is_left = self._missed_m > max(LEFT_M, _AGREEING_SIGMAS * fix.sigma_h_m)
+        return is_left or speed_mps > _FROZEN_SPEED_MPS
 
     def passes(self, nis: float) -> bool:
         """Whether an innovation fits; a fit ends the run of rejections."""

@@ -35,8 +35,8 @@ UNKNOWN_HDOP: Final = 2.5  # poor, so that a silent receiver is not believed too
 
 # Receivers repeat one place in all kinds of sentence. Gateways that mix sources do
 # not, and GLL is then nearest to its time. Only GGA tells the kinds of RTK apart.
-_PLACE_FROM: Final = ("GLL", "GGA", "RMC", "GNS", "VTG", "GST")
-_REST_FROM: Final = ("GGA", "GNS", "RMC", "GLL", "VTG", "GST")
+_PLACE_FROM: Final = ("GLL", "GGA", "RMC", "GNS", "VTG", "GST", "GBS")
+_REST_FROM: Final = ("GGA", "GNS", "RMC", "GLL", "VTG", "GST", "GBS")
 
 
 class Epoch:

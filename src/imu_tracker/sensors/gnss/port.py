@@ -20,6 +20,8 @@ from imu_tracker.sensors.gnss.lines import MAX_LINE, LineSplitter
 FAULTS: Final = (OSError, termios.error)
 """What a port raises when it is gone; `serial.SerialException` is an OSError."""
 
+_GPSD_GREETING: Final = b'{"class":"VERSION"'
+
 POLL_S: Final = 0.2
 CHUNK: Final = 4096
 BATCHING_NS: Final = 50 * MILLISECOND_NS  # USB converters (16 ms) and a busy host
@@ -67,7 +69,12 @@ class SerialPort:
     def read(self) -> bytes:
         """Wait a moment for bytes, and return those that are there."""
         select.select([self._serial.fileno()], [], [], POLL_S)
-        return self._serial.read(CHUNK)
+        data = self._serial.read(CHUNK)
+        if not self.has_speed and data.startswith(_GPSD_GREETING):
+            raise ConnectionError(
+                "gpsd answers here: write gpsd:// instead of socket://"
+            )
+        return data
 
     def discard(self) -> None:
         """Forget what arrived before now; what a peer sends first is never old."""

@@ -16,7 +16,8 @@ from imu_tracker.samples import Frame
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Backoff, Clock
 from imu_tracker.sensors.gnss.baud import BAUDS, BaudSearch
 from imu_tracker.sensors.gnss.lines import checked_text
-from imu_tracker.sensors.gnss.port import FAULTS, GpsPort, SerialPort, TimedLines
+from imu_tracker.sensors.gnss.network_port import open_port as open_any_port
+from imu_tracker.sensors.gnss.port import FAULTS, GpsPort, TimedLines
 from imu_tracker.sensors.sensor_thread import SensorThread
 
 RETRY_FIRST_NS: Final = 250 * MILLISECOND_NS
@@ -56,7 +57,7 @@ class GpsReader(SensorThread):
     Parameters
     ----------
     path : str
-        A device, or `socket://host:port`.
+        A device, or `socket://`, `gpsd://` or `udp://` with host and port.
     baud : int or "auto"
     put : callable
         Takes each frame, in the thread of the reader; must not block. Events say
@@ -75,7 +76,7 @@ class GpsReader(SensorThread):
         put: Callable[[Frame], None],
         clock: Clock,
         *,
-        open_port: Callable[[str, int], GpsPort] = SerialPort,
+        open_port: Callable[[str, int], GpsPort] = open_any_port,
     ) -> None:
         super().__init__("gps", put, clock)
         self._path, self._open_port = path, open_port

@@ -179,6 +179,13 @@ def _read_gst(tod: str, *sigmas: str) -> Report:
     return Report("GST", tod_s=_time_of_day(tod), sigma_m=sigma_m)
 
 
+@_reads(pynmea2.GBS, "timestamp lat_err lon_err")
+def _read_gbs(tod: str, *sigmas: str) -> Report:
+    """Read 1 sigma; gpsd, for binary receivers, puts 95 % there: never too sure."""
+    sigma_m = _per_axis(*map(_positive, sigmas))
+    return Report("GBS", tod_s=_time_of_day(tod), sigma_m=sigma_m)
+
+
 @_reads(pynmea2.ZDA, "timestamp year month day")
 def _read_zda(tod: str, *day: str) -> Report:
     tod_s = _time_of_day(tod)

@@ -4,4 +4,12 @@ In: filters and how well each predicts the fixes. Out: which filter leads, a new
 or noise level. Not here: the algebra of one filter (`error_state/filter`).
 """
 
-__all__ = ["alignment", "divergence", "noise_bank", "reorient", "yaw_bank"]
+__all__ = [
+    "alignment",
+    "comparison",
+    "mixture",
+    "noise_bank",
+    "receiver_alone",
+    "reorient",
+    "yaw_bank",
+]

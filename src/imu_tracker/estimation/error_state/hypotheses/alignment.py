@@ -74,6 +74,9 @@ PATIENCE_S: Final = 5.0
 """For so long of a usable course the bank is heard first: pulling off shows it in some
 seconds whether the box sits turned; on a steady road it never can."""
 
+DOUBTED_PATIENCE_S: Final = 60.0
+"""And for so long once a course has proved to be no heading."""
+
 LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
 """Known worse than this, an angle is sooner found anew than mended: a filter that is
@@ -123,13 +126,13 @@ class Alignment:
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
-        self._waited_s = 0.0
+        self._waited_s, self._patience_s = 0.0, PATIENCE_S
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
         self.agnostic: Eskf | None = None
         self.is_memory_unproved = self._is_memory_tried = False
-        self._is_memory_fresh = False
+        self._is_memory_fresh = self._is_half_turn_tried = False
         self._with_memory: Eskf | None = None
 
     @property
@@ -161,6 +164,10 @@ class Alignment:
         self._yaw_bank.forget()
         self.agnostic = None
         self._waited_s, self._n_contradicted = 0.0, 0
+
+    def doubt_course(self) -> None:
+        """Wait for accelerations to show the heading: the course was none."""
+        self._patience_s = DOUBTED_PATIENCE_S
 
     # --------------------------------------------------------------- with each step
 
@@ -204,7 +211,7 @@ class Alignment:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
 
-    def lose(self) -> None:
+    def lose(self, notice: str = "the orientation was lost; learnt anew") -> None:
         """Level anew and find north anew: the attitude, or the mounting, is wrong."""
         is_vehicle = self._carrier.is_vehicle
         for eskf in self._bank.filters:
@@ -217,22 +224,49 @@ class Alignment:
         self.level_q, self._level_s, self._level_dv = None, 0.0, (0.0, 0.0, 0.0)
         self.is_aligned = self.is_memory_unproved = self._is_memory_tried = False
         self.start()
-        self._notify("the orientation was lost; learnt anew")
+        self._notify(notice)
 
     # ---------------------------------------------------------------- with each fix
+
+    def take_other_heading(self) -> bool:
+        """Save the IMU by another heading: one on trial that leads, or the yaw bank's.
+
+        Returns
+        -------
+        bool
+            Whether there was one.
+        """
+        if self._bank.take_heading():
+            self._settle(is_other=True)
+            return True
+        yaw_rad, sigma_rad = self._yaw_bank.answer()
+        if self.agnostic is not None or not _contradicts(yaw_rad, sigma_rad):
+            return False
+        self._bank.challenge_noise()
+        self._is_memory_tried = self._is_half_turn_tried = False
+        self._take_yaw(yaw_rad, GUESS_SIGMA_RAD)
+        self._yaw_bank.forget()
+        self._notify("the heading was wrong; learnt anew")
+        return True
 
     def judge(self, main: float, challenger: float, period_s: float) -> None:
         """Let the likelihood of the fix decide between the filters."""
         heading = self._bank.judge(main, challenger, period_s)
-        if heading is None:
-            return
+        if heading is not None:
+            self._settle(is_other=heading)
+
+    def _settle(self, *, is_other: bool) -> None:
+        """Draw the conclusions of a trial of headings."""
         if self._is_memory_tried:
             self._is_memory_tried = self.is_memory_unproved = False
-            if heading:
+            if is_other:
                 self._notify(_VERDICTS[self._bank.main is self._with_memory])
             self._with_memory = None
-        elif heading:
+        elif is_other:
             self._notify("the heading was wrong; learnt anew")
+        elif self._is_half_turn_tried:
+            self._notify("the box sits with its x axis backwards")
+        self._is_half_turn_tried = False
         self.agnostic = None
         self._yaw_bank.forget()
 
@@ -246,14 +280,18 @@ class Alignment:
             self._try_memory(fix)
 
     def _mind_reverse(self) -> None:
-        """Nobody goes backwards so fast: the box sits turned by half a turn."""
+        """So fast backwards: the box, or the heading, is half a turn off."""
         if not self._carrier.is_vehicle or not self.is_aligned:
             return
         main = self._bank.main
         if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
+            candidate = main.clone(main.noise)
+            turn(candidate, math.pi)
+            candidate.forget_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
             for eskf in self._bank.filters:
                 eskf.turn_mounting_half()
-            self._notify("the box sits with its x axis backwards")
+            self._is_memory_tried, self._is_half_turn_tried = False, True
+            self._bank.challenge_heading(candidate)
 
     def _ask_yaw_bank(
         self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel
@@ -314,7 +352,7 @@ class Alignment:
             return
         course_rad, course_sigma_rad = course
         main = self._bank.main
-        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < PATIENCE_S:
+        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < self._patience_s:
             self._waited_s += period_s
             return
         wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)

@@ -38,6 +38,11 @@ MOST_NATS: Final = 1.0
 """No single fix decides: not a wild one, not the first after a tunnel."""
 
 
+def known_level(level: int) -> int:
+    """Return a level that exists, for one that another version may have stored."""
+    return min(max(level, 0), len(NOISE_LEVELS) - 1)
+
+
 class NoiseBank:
     """The filter that is listened to, and its challenger.
 
@@ -91,6 +96,13 @@ class NoiseBank:
         if is_over or self._lead < -EARLY_WIN_NATS:
             return self._end_trial(is_won=False)
         return None
+
+    def take_heading(self) -> bool:
+        """Take the other heading at once if it leads; return whether it did."""
+        if not self.is_heading_trial or self._lead <= 0.0:
+            return False
+        self._end_trial(is_won=True)
+        return True
 
     def _end_trial(self, *, is_won: bool) -> bool | None:
         verdict = is_won if self.is_heading_trial else None
