@@ -65,7 +65,7 @@ def read_truth(path: Path) -> Track:
         with path.open("rb") as file:
             is_gzip = file.read(2) == b"\x1f\x8b"
         opener = gzip.open if is_gzip else open
-        with opener(path, "rt", encoding="utf-8", newline="") as text:
+        with opener(path, "rt", encoding="utf-8-sig", newline="") as text:
             reader = csv.DictReader(_bounded(text))
             for row in reader:
                 line = reader.line_num
