@@ -136,7 +136,7 @@ class Tracker:
         self._fix_periods_ns = (1_000_000_000, 1_000_000_000)  # the last two
         self._n_outliers = 0  # in a row
         self._used_ns: int | None = None
-        self._said_sensors: tuple[bool, bool] | None = None
+        self._said_sensors = ""
         self._notices: list[str] = []
 
     # ---------------------------------------------------------------- the events
@@ -313,10 +313,12 @@ class Tracker:
         window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * min(self._fix_periods_ns)))
         has_gps = self._used_ns is not None and row_ns - self._used_ns <= window_ns
         has_imu = self._last_step is not None and not self._last_step.is_gap
-        if (has_imu, has_gps) != self._said_sensors:
-            self._said_sensors = has_imu, has_gps
-            no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
-            said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
+        no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
+        if self._fix_ns is not None and row_ns - self._fix_ns <= window_ns:
+            no_gps = "fixes do not fit"
+        said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
+        if said != self._said_sensors:
+            self._said_sensors = said
             self._notices.append(said)
         if not has_imu or self._navigator.contradicts_receiver:
             return Mode.GPSONLY
