@@ -192,7 +192,7 @@ def test_a_real_gpsd_relays_radius_and_status(served: Served) -> None:
         )
         port = GpsdPort(f"gpsd://127.0.0.1:{number}")
         try:
-            with pytest.raises(OSError, match="imu-tracker itself"):
+            with pytest.raises(OSError, match="imu-tracker itself"):  # by its driver
                 any(port.read() and False for _ in range(200))
         finally:
             port.close()

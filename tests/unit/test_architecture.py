@@ -16,7 +16,10 @@ PACKAGE = "imu_tracker"
 PURE = (
     *("samples", "errors", "geometry", "motion", "estimation", "calibration"),
     *("simulation", "pipeline"),
-    *(f"sensors.gnss.{name}" for name in ("lines", "sentences", "epoch", "calendar")),
+    *(
+        f"sensors.gnss.{name}"
+        for name in ("lines", "sentences", "epoch", "calendar", "verdicts")
+    ),
     "sensors.gnss.epoch_reader",
 )
 """The rooms without clock, file, thread, logger or bus."""

@@ -148,7 +148,7 @@ def test_a_chip_at_the_other_address_is_found(
 ) -> None:
     code, found = check(capsys, "imu.address=0x69")
     assert code == 69
-    assert "somebody does at 0x68: set imu.address" in found["IMU"]
+    assert "something answers at 0x68: set imu.address" in found["IMU"]
 
 
 def test_a_bus_that_hangs_is_explained(
@@ -163,7 +163,7 @@ def test_a_bus_that_hangs_is_explained(
 @pytest.mark.parametrize(
     "feeling",
     [
-        Feeling(accel_g=(0.0, 0.0, 2.0)),
+        Feeling(accel_g=(0.0, 0.0, 1.5)),
         Feeling(accel_g=(0.0, 0.0, 1.0), gyro_dps=(0.0, 0.0, 90.0)),
     ],
 )
@@ -175,6 +175,59 @@ def test_a_chip_that_moves_is_a_warning(
     assert code == 0
     assert found["IMU"].startswith("warning ")
     assert "hold it still" in found["IMU"]
+
+
+def test_a_chip_of_zeros_is_broken_and_not_moving(
+    bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench.chip, "_measure", lambda t_ns: bytes(14))
+    code, found = check(capsys)
+    assert code == 69
+    assert found["IMU"].startswith("FAILED ")
+    assert "exactly zero, the chip is broken: run imu-tracker selftest" in found["IMU"]
+
+
+@pytest.mark.parametrize(("felt_g", "factor"), [(0.5, "0.5"), (2.0, "2")])
+def test_a_chip_of_another_scale_that_lies_still_is_told(
+    felt_g: float, factor: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.chip.world.feel((0.0, 0.0, felt_g), (0.0, 0.0, 0.0))
+    code, found = check(capsys)
+    assert code == 69
+    assert f"has {factor} times the scale of its name" in found["IMU"]
+
+
+class _Clock(FakeMpu6050):
+    """A DS3231: 19 registers in BCD that repeat."""
+
+    DATE = bytes.fromhex("25141205271126 000000000000001c00001940")
+
+    def read(self, register: int, length: int) -> bytes:
+        return bytes(self.DATE[(register + i) % 19] for i in range(length))
+
+    def write(self, register: int, value: int) -> None:
+        raise AssertionError("a clock was written to")
+
+
+@pytest.mark.parametrize("allow", ["true", "false"])
+def test_a_clock_chip_is_named_and_never_written_to(
+    allow: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.bus.chips = {0x68: _Clock(bench.clock), 0x69: bench.chip}
+    code, found = check(capsys, f"imu.allow_unknown_chip={allow}")
+    assert code == 69
+    assert "a clock chip (DS1307, DS3231) at address 0x68" in found["IMU"]
+    assert "something answers at 0x69: set imu.address = 0x69" in found["IMU"]
+
+
+def test_a_network_port_that_is_silent_gets_no_advice_for_wires(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.health, bench.lines = bench.health._replace(state=GpsState.SILENT), []
+    code, found = check(capsys, "gps.port=socket://127.0.0.1:2948")
+    assert code == 69
+    assert "does the other side send NMEA" in found["GPS port"]
+    assert "powered" not in found["GPS port"]
 
 
 @pytest.mark.parametrize(

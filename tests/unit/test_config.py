@@ -196,6 +196,12 @@ def test_a_file_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:
     assert problems(path=path) == [f"{path}: line 2: not UTF-8 text"]
 
 
+def test_a_byte_order_mark_and_crlf_are_read_over(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_bytes(b"\xef\xbb\xbf[log]\r\nrate_hz = 5\r\n")
+    assert load_config(path).log.rate_hz == 5
+
+
 def test_a_missing_file_is_a_bad_configuration(tmp_path: Path) -> None:
     path = tmp_path / "none.toml"
     assert problems(path=path) == [f"{path}: no such file"]

@@ -108,7 +108,19 @@ def test_what_stays_clipped_is_refused_until_it_is_not() -> None:
         *range(70, 150)
     ]
     assert watch.counters == {"clipped_samples": 80}
-    assert len(watch.take_notices()) == 2
+    assert len(watch.take_notices()) == 1
+
+
+def test_bursts_of_clipping_are_told_once_a_minute_with_a_count() -> None:
+    watch, zero, notices = StuckAxes(), (0.0, 0.0, 0.0), []
+    for number in range(25_000):  # 250 s; half of each of the first 150 s is clipped
+        is_clipped = number < 15_000 and number % 100 < 50
+        sample = ImuSample(number * 10_000_000, zero, zero, 25.0, is_clipped)
+        watch.clips(sample)
+        notices += watch.take_notices()
+    assert len(notices) == 5
+    assert "(60 times in a minute)" in notices[1]
+    assert notices[-1] == "imu: no axis was clipped for a minute"
 
 
 # ------------------------------------------------------------------------ the backlog

@@ -69,7 +69,7 @@ def test_the_temperature_of_relatives_becomes_the_mpu6050s(who_am_i: int) -> Non
 def test_nobody_at_the_address_is_told_from_a_neighbour() -> None:
     bench = Bench(0x69)
     lost = Mpu6050(bench.bus, 0x68, bench.clock)
-    with pytest.raises(DeviceNotFoundError, match="somebody does at 0x69"):
+    with pytest.raises(DeviceNotFoundError, match="something answers at 0x69"):
         lost.probe()
     bench.bus.chips.clear()
     with pytest.raises(DeviceNotFoundError, match="check wiring") as caught:

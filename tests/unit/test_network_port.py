@@ -86,6 +86,15 @@ def test_a_receiver_beside_our_own_output_is_taken_when_it_is_named() -> None:
     assert GpsdFilter().feed(VERSION) == b""
 
 
+def test_a_gpsd_that_only_relays_another_one_has_no_receiver() -> None:
+    relay = {"class": "DEVICE", "path": "gpsd://pi:1", "driver": "JSON slave driver"}
+    said = {"class": "DEVICES", "devices": [relay]}
+    with pytest.raises(OSError, match="relays another gpsd"):
+        GpsdFilter().feed(json.dumps(said).encode() + b"\r\n")
+    said["devices"] = [relay, {"class": "DEVICE", "path": "/dev/gps"}]
+    assert GpsdFilter().feed(json.dumps(said).encode() + b"\r\n") == b""
+
+
 def test_what_gpsd_complains_of_is_told() -> None:
     with pytest.raises(OSError, match="no such device"):
         GpsdFilter().feed(b'{"class":"ERROR","message":"no such device"}\r\n')

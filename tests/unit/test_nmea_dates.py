@@ -34,6 +34,14 @@ def test_a_live_date_before_the_release_is_whole_rollovers_short(
     assert calendar.rollovers == rollovers
 
 
+@pytest.mark.parametrize("days", [1, 14, 400])
+def test_a_live_date_shortly_before_the_release_is_taken_as_sent(days: int) -> None:
+    calendar = Calendar(earliest_utc_s=NOON + days * DAY_S)
+    calendar.learn(0, NOON, is_sure=True)
+    assert calendar.utc_s(0, DAY_S / 2) == NOON
+    assert calendar.rollovers == 0
+
+
 def test_a_live_date_after_the_release_is_left_alone() -> None:
     calendar = Calendar(earliest_utc_s=NOON)
     calendar.learn(0, NOON, is_sure=True)

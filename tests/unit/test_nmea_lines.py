@@ -59,6 +59,10 @@ def test_offsets_point_at_the_dollar_however_the_stream_is_cut() -> None:
     assert [stream[at : at + len(data)] for at, data in lines] == [ONE, TWO]
 
 
+def test_a_sum_below_16_may_come_without_its_zero() -> None:
+    assert checked_text(b"$GPGGA,u*F") == checked_text(b"$GPGGA,u*0F")
+
+
 def test_checked_text_is_what_the_checksum_covers() -> None:
     assert checked_text(TWO) == "GPGGA,22"
 

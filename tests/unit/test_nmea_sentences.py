@@ -61,9 +61,25 @@ def test_gga_with_a_fix_by_no_satellites_proves_nothing() -> None:
     assert read(gga(satellites="")).has_fix is True
 
 
-@pytest.mark.parametrize("status", ["V", "", "X"])
-def test_rmc_has_a_fix_by_status_a_alone(status: str) -> None:
-    assert read(rmc(status=status)).has_fix is False
+@pytest.mark.parametrize("status", ["A", "D", "P", "R", "F"])
+def test_rmc_and_gll_have_a_fix_by_any_letter_of_a_solution(status: str) -> None:
+    assert read(rmc(status=status)).has_fix is True
+    assert read(gll(status=status)).has_fix is True
+
+
+@pytest.mark.parametrize("status", ["", "X"])
+def test_rmc_with_a_blank_or_strange_status_proves_nothing(status: str) -> None:
+    assert read(rmc(status=status)).has_fix is None
+
+
+def test_rmc_with_status_v_has_no_fix() -> None:
+    assert read(rmc(status="V")).has_fix is False
+
+
+def test_a_status_that_names_a_solution_serves_for_a_blank_mode() -> None:
+    assert read(rmc(status="D", mode="")).quality == 2
+    assert read(rmc(status="D", mode="R")).quality == 4
+    assert read(rmc(status="A", mode="")).quality is None
 
 
 @pytest.mark.parametrize("mode", ["N", "E", "M", "S"])

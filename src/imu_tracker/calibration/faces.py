@@ -31,8 +31,9 @@ HELD_WINDOWS: Final = 20
 MAX_LEAN_RAD: Final = math.radians(15.0)
 """Between gravity and a chip axis on a face: the chip's own errors make 4 deg of it."""
 
-GRAVITY_LIMITS_G: Final = (0.85, 1.15)
-"""|f| at rest: 80 mg of bias and 3 % of scale (PS-MPU-6000A section 6.2), and some."""
+GRAVITY_LIMITS_G: Final = (0.72, 1.28)
+"""|f| at rest: clones are sold with 250 mg of bias, three times what the datasheet
+allows (PS-MPU-6000A section 6.2), and 3 % of scale."""
 
 MAX_RESIDUAL_MPS2: Final = 0.025 * STANDARD_GRAVITY_MPS2
 """A table that leans by 1.4 deg, or a finger below an edge."""

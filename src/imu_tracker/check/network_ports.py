@@ -6,8 +6,14 @@ from imu_tracker.sensors.gnss.reader import GpsState
 
 _USELESS: Final = {
     "socket": {
-        GpsState.SILENT: "connected, but not a byte: does the other side send NMEA?",
-        GpsState.GARBAGE: "bytes, but no sentence: the other side does not send NMEA",
+        GpsState.SILENT: (
+            "connected, but no sentence: does the other side send NMEA? If it is gpsd, "
+            "write gpsd:// for socket://"
+        ),
+        GpsState.GARBAGE: (
+            "bytes, but no sentence: the other side does not send NMEA; if it is gpsd, "
+            "write gpsd:// for socket://"
+        ),
     },
     "gpsd": {
         GpsState.SILENT: (

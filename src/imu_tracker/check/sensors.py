@@ -6,7 +6,6 @@ things, with the code that the daemon uses.
 
 import contextlib
 import itertools
-import math
 import os
 import queue
 import shutil
@@ -15,8 +14,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2, CountsModel
+from imu_tracker.calibration.counts import CountsModel
 from imu_tracker.check import network_ports
+from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
     BusError,
@@ -26,7 +26,7 @@ from imu_tracker.errors import (
     TrackerError,
 )
 from imu_tracker.recording.files import layout_of, read_recording
-from imu_tracker.samples import Frame, ImuSample, Source
+from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors import pi_advice as mending
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader
@@ -38,8 +38,6 @@ from imu_tracker.storage.append_file import FOREIGN, Layout, is_foreign
 from imu_tracker.storage.latlong import LAYOUT
 
 SAMPLES: Final = 50
-GRAVITY_G: Final = (0.85, 1.15)  # ranges are good to 3 %, zero-g to 80 mg
-STILL_DPS: Final = 30.0  # PS-MPU-6000A section 6.1: zero-rate 20, and some
 
 LISTEN_NS: Final = 20 * SECOND_NS  # seven baud rates, 2.2 s each
 SENTENCES_NS: Final = 3 * SECOND_NS  # from the first one on: all kinds, and a fix
@@ -97,24 +95,20 @@ def check_imu(config: Config, clock: Clock) -> Finding:
         return _failed("IMU", explain(error), error)
     except TrackerError as error:
         return _failed("IMU", str(error), error)
-    gravity_g, rate_dps, temp_degc = _means(samples)
+    gravity_g, rate_dps, temp_degc = means(samples)
     text = (
         f"{imu.chip.name} at 0x{config.imu.address:02X} on /dev/i2c-{config.imu.bus}: "
         f"{gravity_g:.2f} g, {rate_dps:.1f} °/s, {temp_degc:.0f} °C"
     )
     if GRAVITY_G[0] <= gravity_g <= GRAVITY_G[1] and rate_dps <= STILL_DPS:
         return _ok("IMU", text)
-    return _warning("IMU", f"{text}; at rest it feels 1 g and no rate: hold it still")
-
-
-def _means(samples: list[ImuSample]) -> tuple[float, float, float]:
-    """Return the norms of the mean specific force (g) and rate (deg/s), and degC."""
-    n = len(samples)
-    accel = [sum(s.accel_mps2[i] for s in samples) / n for i in range(3)]
-    gyro = [sum(s.gyro_radps[i] for s in samples) / n for i in range(3)]
-    temp_degc = sum(sample.temp_degc for sample in samples) / n
-    gravity_g = math.hypot(*accel) / STANDARD_GRAVITY_MPS2
-    return gravity_g, math.degrees(math.hypot(*gyro)), temp_degc
+    if broken := why_broken(samples):
+        return _unavailable("IMU", f"{text}; {broken}: run imu-tracker selftest")
+    return _warning(
+        "IMU",
+        f"{text}; at rest it feels 1 g and no rate: hold it still; if it was still, "
+        "run imu-tracker selftest",
+    )
 
 
 def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
@@ -146,6 +140,9 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
             "GPS",
             "a fix without a date, and so no log: make it send RMC, or set gps.date",
         )
+    elif not epochs.counters["fixes"] and epochs.unread:
+        text = max(epochs.unread, key=lambda kind: epochs.counters[kind])
+        yield _warning("GPS", f"the receiver sends {epochs.unread[text]}")
     elif not epochs.counters["fixes"]:
         yield _warning("GPS", "no fix yet: the antenna wants to see the sky")
     else:

@@ -63,7 +63,7 @@ def _read(path: Path) -> dict[str, Any]:
                 raise ConfigError(
                     f"{path}: line {number}: longer than {MAX_LINE_BYTES} bytes"
                 )
-        return tomllib.loads(data.decode("utf-8"))
+        return tomllib.loads(data.decode("utf-8-sig"))
     except ConfigError:
         raise
     except FileNotFoundError as error:

@@ -52,6 +52,7 @@ KINDS: Final[Mapping[str, tuple[str, ...]]] = {
         "recording_lost_records",
         "state_failures",
     ),
+    "log_times": ("skipped_rows",),
     "load": ("refused_frames", "late_rows"),
 }
 """Each kind, and the counters that it sums."""

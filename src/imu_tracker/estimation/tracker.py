@@ -286,7 +286,11 @@ class Tracker:
         while (row_ns := utc.row_instant_ns(self._row_utc_ns)) <= self._step_ns:
             rows.append(self._row(row_ns, self._row_utc_ns))
             self._row_utc_ns += self._period_ns
-            utc.slew(self._period_ns)
+            if hole_ns := utc.slew(self._period_ns):
+                self._row_utc_ns += -(-hole_ns // self._period_ns) * self._period_ns
+                self._notices.append(
+                    f"the rows' times go forward by {hole_ns * 1e-9:.1f} s at once"
+                )
         return rows
 
     def _row(self, row_ns: int, row_utc_ns: int) -> NavState:
@@ -375,4 +379,5 @@ class Tracker:
             "still_gyro_threshold_dps": math.degrees(vibration.gyro_threshold_radps),
             "still_accel_threshold_mps2": vibration.accel_threshold_mps2,
             "utc_jumps": self._utc.jumps,
+            "utc_holes": self._utc.holes,
         }

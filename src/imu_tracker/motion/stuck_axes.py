@@ -23,6 +23,9 @@ CLIPPED_NS: Final = 200_000_000
 """An impact clips for some hundredths of a second, and the estimators can carry that.
 What lasts longer says nothing of the motion: at 4 g it would be 8 m/s by now."""
 
+QUIET_NS: Final = 60_000_000_000
+"""Vibration clips in bursts: it is told once, then at most once in this time."""
+
 _RAILS: Final = (-32768, 32767)
 _NAMES: Final = ("accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z")
 _AXES: Final = (0, 2, 4, 8, 10, 12)  # bytes of a burst
@@ -46,6 +49,8 @@ class StuckAxes:
         self._stuck: tuple[int, ...] = ()
         self._clipped_ns: int | None = None  # since when
         self._is_clipped = False
+        self._bursts = 0  # not told yet
+        self._told_ns: int | None = None
         self._notices: list[str] = []
 
     def look(self, t_ns: int, burst: bytes) -> bool:
@@ -65,10 +70,8 @@ class StuckAxes:
     def clips(self, sample: ImuSample) -> bool:
         """Take a decoded burst; return whether clipping has lasted too long."""
         if not sample.is_saturated:
-            if self._is_clipped:
-                self._is_clipped = False
-                self._notices.append("imu: no axis is clipped any more")
-            self._clipped_ns = None
+            self._is_clipped, self._clipped_ns = False, None
+            self._tell_bursts(sample.t_ns)
             return False
         if self._clipped_ns is None:
             self._clipped_ns = sample.t_ns
@@ -76,11 +79,26 @@ class StuckAxes:
             return False
         if not self._is_clipped:
             self._is_clipped = True
-            self._notices.append(
-                "imu: an axis stays at the end of its range; the IMU is not used"
-            )
+            self._bursts += 1
+            self._tell_bursts(sample.t_ns)
         self.counters["clipped_samples"] += 1
         return True
+
+    def _tell_bursts(self, t_ns: int) -> None:
+        """Tell of clipping at once, and then at most once a minute with a count."""
+        if self._told_ns is not None and t_ns - self._told_ns < QUIET_NS:
+            return
+        if not self._bursts:
+            if self._told_ns is not None:
+                self._told_ns = None
+                self._notices.append("imu: no axis was clipped for a minute")
+            return
+        times = "" if self._told_ns is None else f" ({self._bursts} times in a minute)"
+        self._notices.append(
+            f"imu: an axis stays at the end of its range{times}; the IMU is not used "
+            "meanwhile: damp the mount, or set imu.accel_range_g higher"
+        )
+        self._bursts, self._told_ns = 0, t_ns
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call."""

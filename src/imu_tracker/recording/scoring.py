@@ -65,7 +65,7 @@ def read_truth(path: Path) -> Track:
         with path.open("rb") as file:
             is_gzip = file.read(2) == b"\x1f\x8b"
         opener = gzip.open if is_gzip else open
-        with opener(path, "rt", encoding="utf-8", newline="") as text:
+        with opener(path, "rt", encoding="utf-8-sig", newline="") as text:
             reader = csv.DictReader(_bounded(text))
             for row in reader:
                 line = reader.line_num
@@ -198,12 +198,15 @@ def score(
 
 def describe(figures: dict[str, Any]) -> Iterable[str]:
     """Yield the score as lines of a table for people."""
-    yield f"{'':12}{'n':>7}{'rms':>9}{'p50':>9}{'p95':>9}{'max':>9}   inside r95  r95"
+    columns = "".join(f"{name:>12}" for name in ("rms", "p50", "p95", "max"))
+    yield f"{'':12}{'n':>7}{columns}   inside r95  r95"
     for name, title in (("with_gps", "with GPS"), ("outage", "in outages")):
         if part := figures[name]:
             yield (
                 f"{title:12}{part['n']:7d}"
-                + "".join(f"{part[key]:7.2f} m" for key in ("rms", "p50", "p95", "max"))
+                + "".join(
+                    f"{part[key]:10.2f} m" for key in ("rms", "p50", "p95", "max")
+                )
                 + f"   {part['inside_r95']:9.1%}  {part['r95_median']:.2f} m"
             )
     for number, (error_m, r95_m) in enumerate(

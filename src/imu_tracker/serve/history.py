@@ -7,8 +7,8 @@ from imu_tracker.exports.page import map_data
 from imu_tracker.exports.thinning import Thinner
 from imu_tracker.storage.latlong import MAX_GAP_S, LogRow
 
-MAX_POINTS: Final = 8000
-"""A quarter of a megabyte for the page, 4 MB here; shape, modes and r95 stay."""
+MAX_POINTS: Final = 5000
+"""150 kB for the page, 3 MB here; shape, modes and r95 stay."""
 
 
 class History:

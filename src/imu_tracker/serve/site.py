@@ -7,15 +7,17 @@ import json
 import re
 from collections.abc import Mapping
 from importlib import resources
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from imu_tracker.config import Config
 from imu_tracker.config.serving import Address
 from imu_tracker.errors import ConfigError
 from imu_tracker.exports.page import asset
 from imu_tracker.serve.http_request import COOKIE, Refused, Request, is_same, parse
-from imu_tracker.serve.tiles import Tiles
 from imu_tracker.serve.view import Shown, View
+
+if TYPE_CHECKING:
+    from imu_tracker.serve.tiles import Tiles
 
 EVENTS: Final = "/events"
 MIN_TOKEN: Final = 16
@@ -57,7 +59,7 @@ class Site:
         self._view = view
         self._hosts = {name.lower() for name in config.serve.hosts}
         self._token = _token_of(config)
-        self.tiles = Tiles(config.serve.tiles) if config.serve.tiles else None
+        self.tiles = _tiles_of(config)
         self._files: Mapping[str, tuple[str, bytes]] = {
             "/": ("text/html; charset=utf-8", _static("live.html")),
             "/live.js": ("text/javascript; charset=utf-8", _static("live.js")),
@@ -162,6 +164,14 @@ def _http(status: str, kind: str, data: bytes, *more: str) -> bytes:
 
 def _static(name: str) -> bytes:
     return resources.files("imu_tracker.serve").joinpath("static", name).read_bytes()
+
+
+def _tiles_of(config: Config) -> "Tiles | None":
+    if config.serve.tiles is None:
+        return None
+    from imu_tracker.serve.tiles import Tiles
+
+    return Tiles(config.serve.tiles)
 
 
 def _token_of(config: Config) -> str:

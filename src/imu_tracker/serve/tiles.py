@@ -36,11 +36,15 @@ class Tiles:
     def __init__(self, path: Path) -> None:
         try:
             self._db = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
+        except sqlite3.Error as error:
+            raise ConfigError(f'serve.tiles = "{path}": {error}') from error
+        try:
             told = dict(self._db.execute("SELECT name, value FROM metadata LIMIT 100"))
             zooms = self._db.execute(
                 "SELECT min(zoom_level), max(zoom_level) FROM tiles"
             ).fetchone()
         except sqlite3.Error as error:
+            self.close()
             raise ConfigError(f'serve.tiles = "{path}": {error}') from error
         if zooms[0] is None or told.get("format") == "pbf":
             self.close()

@@ -20,7 +20,7 @@ from imu_tracker.storage.latlong import LogRow
 from imu_tracker.storage.log_tail import LogTail, TailPosition, newest_utc_s
 from imu_tracker.storage.status_file import read_status
 
-BATCH: Final = 2000
+BATCH: Final = 500
 """Rows that are taken at once: a flood of them keeps nobody from being served."""
 
 FIX_S: Final = 2

@@ -83,6 +83,7 @@ def simulate(
     gps_every_s: float = 1.0,
     errors: SensorErrors | None = None,
     receiver: ReceiverErrors | None = None,
+    baud: int | None = None,
     truth_hz: int = 4,
     chip: ChipTraits | None = None,
 ) -> Simulated:
@@ -104,6 +105,8 @@ def simulate(
         As for `CountsModel`.
     gps_every_s : float
         Time between the receiver's epochs, a multiple of 0.05 s.
+    baud : int, optional
+        Bits per second of the receiver's line; the receiver's own when not given.
     errors, receiver : optional
         How good the sensors are; the scenario's own when left out.
     truth_hz : int
@@ -134,9 +137,10 @@ def simulate(
         gravity_mps2(plan.start.lat_rad, plan.start.alt_m),
         CountsModel(accel_range_g, gyro_range_dps, mount),
     )
-    gps = Receiver(
-        receiver or plan.receiver, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S
-    )
+    traits = receiver or plan.receiver
+    if baud is not None:
+        traits = traits._replace(baud=baud)
+    gps = Receiver(traits, rng(_Stream.RECEIVER), gps_every_s, START_UTC_S)
     end_ns = START_NS + end_s * 1e9
     return Simulated(
         SessionHeader(

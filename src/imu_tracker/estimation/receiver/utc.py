@@ -36,6 +36,10 @@ SETTLE_NS: Final = 300_000_000
 SLEW: Final = 0.1
 """Rows move by this part of their period at most, until they agree."""
 
+HOLE_NS: Final = 5_000_000_000
+"""A correction forward by more than this is taken at once and leaves a hole in the
+rows' times, which still grow; to slew it in would take minutes, or for ever."""
+
 LEAPS_NS: Final = 20_000_000_000
 """Between GPS time and UTC lie 18 s. Rows that are dated wrong by more than that are
 right of their place, and wrong of the time."""
@@ -53,6 +57,8 @@ class UtcClock:
     ----------
     jumps : int
         How often the receiver changed its mind.
+    holes : int
+        How often the rows' times went forward at once.
     is_in_doubt : bool
         Whether it may just have done so: what the last epoch describes, nobody knows.
     """
@@ -66,6 +72,7 @@ class UtcClock:
         self._first_ns: int | None = None
         self._told_ns: int | None = None  # the relation by the last epoch alone
         self.jumps = 0
+        self.holes = 0
         self.is_in_doubt = False
 
     @property
@@ -130,12 +137,24 @@ class UtcClock:
             behind = max(behind, abs(self._told_ns - self._shown_ns))
         return behind if int(period_ns * SLEW) < behind <= LEAPS_NS else 0
 
-    def slew(self, period_ns: int) -> None:
-        """Move the rows' relation towards the truth; called once a row."""
+    def slew(self, period_ns: int) -> int:
+        """Move the rows' relation towards the truth; called once a row.
+
+        Returns
+        -------
+        int
+            By how much (ns) it went forward at once: a hole in the rows; mostly 0.
+        """
         assert self._shown_ns is not None
         assert self._offset_ns is not None
+        behind_ns = self._offset_ns - self._shown_ns
+        if behind_ns > HOLE_NS:
+            self._shown_ns = self._offset_ns
+            self.holes += 1
+            return behind_ns
         most = int(period_ns * SLEW)
         self._shown_ns += min(max(self._offset_ns - self._shown_ns, -most), most)
+        return 0
 
     def _take(self, offset: int) -> None:
         self._offsets.append(offset)

@@ -34,8 +34,9 @@ class Calendar:
         YYYY-MM-DD of the first time of day, for receivers that send no date; used
         without a reference.
     earliest_utc_s : float, optional
-        Without a reference no sent date can be earlier than this: rollovers are
-        added until it is not.
+        Without a reference: the program's release. A sent date that lies about
+        1024 weeks or a multiple of that before it gets them added; one that lies
+        some weeks or years before it is taken as it is.
 
     Notes
     -----
@@ -100,14 +101,17 @@ class Calendar:
             expected_utc_s = known_utc_s + (t_ns - known_t_ns) / 1e9
             return abs(utc_s - expected_utc_s) < UNSURE_S
         if self._earliest_utc_s is not None:
-            return utc_s < self._earliest_utc_s + LIFE_S
+            return 0 <= utc_s - self._earliest_utc_s < LIFE_S
         return True
 
     def _missing_rollovers(self, sent_utc_s: float) -> int:
         if self._reference_utc_s is not None:
             return round((self._reference_utc_s - sent_utc_s) / ROLLOVER_S)
         if self._earliest_utc_s is not None:
-            return max(0, ceil((self._earliest_utc_s - sent_utc_s) / ROLLOVER_S))
+            # True dates lie within LIFE_S after the release, rolled-over ones a whole
+            # number of rollovers earlier; what is nearer to the release is no rollover.
+            earliest_true_s = self._earliest_utc_s - (ROLLOVER_S - LIFE_S)
+            return max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))
         return 0
 
 

@@ -9,7 +9,7 @@ the next one makes every fix a second late.
 from collections import Counter, deque
 from typing import Final, TypeAlias
 
-from imu_tracker.errors import NmeaError
+from imu_tracker.errors import NmeaError, shown
 from imu_tracker.samples import GpsFix, UtcTime
 from imu_tracker.sensors.gnss.calendar import ROLLOVER_WEEKS, Calendar
 from imu_tracker.sensors.gnss.epoch import EPOCH_NS, Epoch
@@ -26,6 +26,12 @@ _NOTICES: Final = {
     "fixes_without_date": "the receiver sends no date: set gps.date",
     "contradictory_epochs": "the receiver's sentences disagree about having a fix",
 }
+_UNREAD: Final = {
+    "bad_positions": "a fix, but its position cannot be read",
+    "sentences_without_time": "a fix, but its time is not hhmmss.ss",
+    "undecided_epochs": "a position, but no sentence says whether it is a fix",
+}
+"""What keeps a sentence with a fix from being used, by counter."""
 
 Positions: TypeAlias = list[GpsFix | UtcTime]
 
@@ -49,8 +55,11 @@ class EpochReader:
         `missing_checksums`, `overlong_lines`, `unparsable_lines`, `bad_positions`
         (a fix without a place on earth), `sentences_without_time`,
         `late_velocities` (after their epoch: the baud rate is low for so many
-        sentences), `epochs_without_fix`, `contradictory_epochs`, `repeated_epochs`,
-        `fixes_without_date`.
+        sentences), `epochs_without_fix`, `contradictory_epochs`, `undecided_epochs`
+        (among those without fix), `repeated_epochs`, `fixes_without_date`.
+    unread : dict[str, str]
+        By counter, why sentences of a fix could not be used: the reason, and the first
+        such line.
     """
 
     def __init__(
@@ -61,6 +70,7 @@ class EpochReader:
         earliest_utc_s: float | None = None,
     ) -> None:
         self.counters: Counter[str] = Counter()
+        self.unread: dict[str, str] = {}
         self._calendar = Calendar(
             reference_utc_s=reference_utc_s, day=date, earliest_utc_s=earliest_utc_s
         )
@@ -69,6 +79,7 @@ class EpochReader:
         self._ahead: dict[str, tuple[int, Report]] = {}  # came before their epoch
         self._given: deque[float] = deque(maxlen=REMEMBERED_EPOCHS)
         self._has_fix = False  # the last closed epoch's
+        self._undecided_line = b""  # the last one with a position and no verdict
         self._notices: dict[str, bool] = {}  # all that was said, and whether taken
 
     def feed(self, t_ns: int, line: bytes) -> Positions:
@@ -81,6 +92,12 @@ class EpochReader:
             return positions
         self.counters["sentences"] += 1
         if report is not None:
+            if report.has_fix and report.lat_lon_rad is None:
+                self._count_unread("bad_positions", line)
+            if report.has_fix and report.tod_s is None:
+                self._note_unread("sentences_without_time", line)
+            if report.has_fix is None and report.lat_lon_rad is not None:
+                self._undecided_line = line
             positions += self._take(t_ns, report)
         return positions
 
@@ -106,8 +123,6 @@ class EpochReader:
 
     def _take(self, t_ns: int, report: Report) -> Positions:
         self._learn_date(t_ns, report)
-        if report.has_fix and report.lat_lon_rad is None:
-            self.counters["bad_positions"] += 1
         if report.kind in _PLACES and report.tod_s is None:
             self.counters["sentences_without_time"] += 1
             return []
@@ -160,6 +175,8 @@ class EpochReader:
         if fix is None:
             kind = "contradictory_epochs" if len(verdicts) > 1 else "epochs_without_fix"
             self._count(kind)
+            if not verdicts and epoch.fix() is not None:
+                self._count_unread("undecided_epochs", self._undecided_line)
             return self._utc_time(epoch.t_ns, epoch.tod_s)
         if epoch.tod_s in self._given:
             self.counters["repeated_epochs"] += 1
@@ -179,6 +196,18 @@ class EpochReader:
         self.counters[kind] += 1
         if self.counters[kind] == TOLD_AFTER and kind in _NOTICES:
             self._notices[_NOTICES[kind]] = False
+
+    def _count_unread(self, kind: str, line: bytes) -> None:
+        self.counters[kind] += 1
+        self._note_unread(kind, line)
+
+    def _note_unread(self, kind: str, line: bytes) -> None:
+        """Keep the first line of a kind, and tell of it when the kind persists."""
+        text = self.unread.setdefault(
+            kind, f"{_UNREAD[kind]}: {shown(line.decode('ascii', 'replace'))}"
+        )
+        if self.counters[kind] == TOLD_AFTER:
+            self._notices.setdefault(f"the receiver sends {text}", False)
 
     def _utc_time(self, t_ns: int, tod_s: float | None) -> Positions:
         if tod_s is None or not self._calendar.is_known:

@@ -87,7 +87,9 @@ def checked_text(line: bytes) -> str:
         raise NmeaError("missing_checksums", line)
     if len(line) - start >= MAX_LINE:
         raise NmeaError("overlong_lines", line)
-    if digits.upper() != b"%02X" % reduce(xor, body, 0):
+    expected = reduce(xor, body, 0)
+    # Some relays drop the leading zero of a sum below 16 (gpsdRelay, request 13).
+    if digits.upper() not in (b"%02X" % expected, b"%X" % expected):
         raise NmeaError("bad_checksums", line)
     if not body.isascii():
         raise NmeaError("unparsable_lines", line)

@@ -140,6 +140,8 @@ class GpsdFilter:
             case "DEVICES" if isinstance(devices := said.get("devices"), list):
                 for device in devices:
                     self._look_at(device)
+                if devices and all(map(_is_relay, devices)):
+                    raise ConnectionError(_RELAY)
             case "DEVICE":
                 self._look_at(said)
 
@@ -149,6 +151,14 @@ class GpsdFilter:
             raise ConnectionError(_OWN_OUTPUT)
 
 
+def _is_relay(device: Any) -> bool:
+    return isinstance(device, dict) and device.get("driver") == "JSON slave driver"
+
+
+_RELAY: Final = (
+    "this gpsd has no receiver, it relays another gpsd (imu-tracker itself?): name the "
+    "one that has the receiver"
+)
 _OWN_OUTPUT: Final = (
     "this is the output of imu-tracker itself, not a receiver: name the receiver, "
     "gpsd://HOST:PORT/dev/..."

@@ -18,6 +18,13 @@ import pynmea2
 from imu_tracker.errors import NmeaError
 from imu_tracker.samples import FIRST_YEAR, LAST_YEAR
 from imu_tracker.sensors.gnss.lines import checked_text
+from imu_tracker.sensors.gnss.verdicts import (
+    NOT_MEASURED,
+    NOT_MEASURED_QUALITY,
+    QUALITY_OF_MODE,
+    has_fix_by_status,
+    quality_by_status,
+)
 
 MPS_PER_KNOT: Final = 1852 / 3600
 MAX_SPEED_MPS: Final = 600.0  # export rules switch civil receivers off at 515 m/s
@@ -26,12 +33,6 @@ MIN_SIGMA_M: Final = 0.01  # the step in which receivers print GST
 MAX_SIGMA_M: Final = 1e5  # of a fix that knows no more than its continent
 MAX_HDOP: Final = 1000.0  # 99.99 and 9999 are how receivers say "no geometry"
 HEIGHTS_M: Final = (-12_000.0, 100_000.0)  # the deepest trench; above it is space
-
-QUALITY_OF_MODE: Final = {"R": 4, "F": 5, "P": 3, "D": 2, "A": 1}  # best first
-NOT_MEASURED: Final = frozenset("NEMS")
-"""Modes: none, estimated, manual, simulator. The receiver's own dead reckoning is
-no measurement: its error grows unsaid, and we have an IMU to do it better."""
-NOT_MEASURED_QUALITY: Final = frozenset("0678")  # the same in the numbers of GGA
 
 
 class Report(NamedTuple):
@@ -69,7 +70,10 @@ def read_sentence(line: bytes) -> Report | None:
     except pynmea2.ParseError as error:
         raise NmeaError("unparsable_lines", line) from error
     pick, read = _READERS[text[2:6]]
-    return read(*pick(sentence.data + _BLANKS))
+    fields = sentence.data
+    if " " in text:  # some loggers pad the fields
+        fields = [field.strip() for field in fields]
+    return read(*pick(fields + _BLANKS))
 
 
 _Reader: TypeAlias = Callable[..., Report]
@@ -102,10 +106,10 @@ def _read_rmc(tod: str, status: str, *rest: str) -> Report:
         "RMC",
         tod_s=tod_s,
         sent_utc_s=_utc_s(tod_s, _century(day[4:6]), day[2:4], day[:2]),
-        has_fix=status == "A" and mode not in NOT_MEASURED,
+        has_fix=has_fix_by_status(status, mode),
         lat_lon_rad=_position(*place),
         vel_ne_mps=_velocity(knots, course),
-        quality=QUALITY_OF_MODE.get(mode),
+        quality=quality_by_status(status, mode),
     )
 
 
@@ -152,10 +156,9 @@ def _read_gll(tod: str, status: str, *rest: str) -> Report:
     return Report(
         "GLL",
         tod_s=_time_of_day(tod),
-        # NMEA 1.5 had no status; such a sentence alone proves nothing
-        has_fix=(status == "A" and mode not in NOT_MEASURED) if status else None,
+        has_fix=has_fix_by_status(status, mode),  # NMEA 1.5 had no status
         lat_lon_rad=_position(*place),
-        quality=QUALITY_OF_MODE.get(mode),
+        quality=quality_by_status(status, mode),
     )
 
 

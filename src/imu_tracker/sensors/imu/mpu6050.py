@@ -7,6 +7,7 @@ gyro belong to one instant only when one burst reads them.
 Sources: RM-MPU-6000A-00 rev. 4.2 (RM), PS-MPU-6000A-00 rev. 3.4 (PS).
 """
 
+import errno
 import math
 from struct import Struct
 from typing import Final
@@ -29,6 +30,7 @@ ADDRESSES: Final = (0x68, 0x69)  # pin AD0 low, high
 _RESET_MS: Final = 100  # RM 4.28
 _GYRO_START_MS: Final = 100  # 30 by PS 6.1; 70 for the 6500 family
 _ALL_PATHS: Final = 0b111
+_NO_NEIGHBOUR: Final = "and nobody at the other address"
 _DEAD_BUS: Final = (0x00, 0xFF)
 
 _PROOF_PATTERNS: Final = (0x55, 0xAA)
@@ -84,10 +86,21 @@ class Mpu6050:
             who_am_i = self.registers.read_byte(Reg.WHO_AM_I)
         except BusError as error:
             cause = error.__cause__
-            if not (isinstance(cause, OSError) and cause.errno in NACK):
+            code = cause.errno if isinstance(cause, OSError) else None
+            if code == errno.EBUSY and (neighbour := self._neighbour()):
+                raise DeviceNotFoundError(
+                    f"address 0x{self.registers.address:02X} is in use by a kernel "
+                    f"driver, a clock chip perhaps, {neighbour}"
+                ) from error
+            if code not in NACK:
                 raise
             raise DeviceNotFoundError(self._nobody()) from error
         where = f"at address 0x{self.registers.address:02X}"
+        if who_am_i not in CHIPS and self._is_clock_chip():
+            raise DeviceNotFoundError(
+                f"a clock chip (DS1307, DS3231) {where}, left alone, "
+                + (self._neighbour() or f"{_NO_NEIGHBOUR}: tie the MPU's AD0 to 3.3 V")
+            )
         if who_am_i in _DEAD_BUS:
             raise DeviceNotFoundError(
                 f"the chip {where} says 0x{who_am_i:02X} for its name, as a dead bus "
@@ -169,13 +182,41 @@ class Mpu6050:
 
     def _nobody(self) -> str:
         """Say that nobody answers, and whether somebody does next door."""
-        (other,) = set(ADDRESSES) - {self.registers.address}
         text = f"nobody answers at address 0x{self.registers.address:02X}"
+        neighbour = self._neighbour()
+        if not neighbour:
+            return f"{text}: check wiring, power and imu.bus (i2cdetect -y BUS)"
+        return f"{text}, {neighbour}"
+
+    def _neighbour(self) -> str:
+        """Say that somebody answers at the other address; empty when nobody does."""
+        (other,) = set(ADDRESSES) - {self.registers.address}
         try:
             Registers(self._bus, other).read_byte(Reg.WHO_AM_I)
         except BusError:
-            return f"{text}: check wiring, power and imu.bus (i2cdetect -y BUS)"
-        return f"{text}, but somebody does at 0x{other:02X}: set imu.address"
+            return ""
+        return (
+            f"but something answers at 0x{other:02X}: set imu.address = 0x{other:02X}"
+        )
+
+    def _is_clock_chip(self) -> bool:
+        """Whether registers 0 to 6 are a date in BCD, as of a DS1307 or DS3231.
+
+        An MPU-6050 has trims there. A write would set such a clock wrong.
+        """
+        try:
+            data = self._bus.read_i2c_block_data(self.registers.address, 0, 7)
+        except OSError:
+            return False
+        flags = (0x7F, 0x7F, 0x3F, 0x07, 0x3F, 0x1F, 0xFF)  # their other bits
+        digits = [value & flag for value, flag in zip(data, flags, strict=True)]
+        if any(value >> 4 > 9 or value & 0xF > 9 for value in digits):
+            return False
+        seconds, minutes, _, weekday, day, month, _ = (
+            10 * (value >> 4) + (value & 0xF) for value in digits
+        )
+        is_time = seconds < 60 and minutes < 60
+        return is_time and weekday > 0 and 1 <= day <= 31 and 1 <= month <= 12
 
     def _sleep_ms(self, pause_ms: int) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + pause_ms * MILLISECOND_NS)
