@@ -31,6 +31,9 @@ FLOOR_HZ: Final = 1.5
 """Half the width over which power is averaged to find what is there without a line."""
 
 
+_MOST_WAITING: Final = 1024  # samples, while nobody asks for a window
+
+
 class Spectrum(NamedTuple):
     """Power over its neighbourhood, by order, bin and channel: 1 without a line."""
 
@@ -70,6 +73,8 @@ class Samples:
         """Take a sample."""
         t_ns, (ax, ay, az), (gx, gy, gz) = sample[:3]
         self._waiting.append((t_ns, ax, ay, az, gx, gy, gz))
+        if len(self._waiting) >= _MOST_WAITING:
+            self._gather()
 
     def _gather(self) -> None:
         if not self._waiting:
