@@ -15,7 +15,7 @@ PACKAGE = "imu_tracker"
 
 PURE = (
     *("samples", "errors", "geometry", "motion", "estimation", "calibration"),
-    *("simulation", "pipeline"),
+    *("simulation", "wheels", "pipeline"),
     *(
         f"sensors.gnss.{name}"
         for name in ("lines", "sentences", "epoch", "calendar", "verdicts")

@@ -22,6 +22,7 @@ from imu_tracker.wheels.windows import (
     spectrum,
 )
 
+LEARN_EVERY_S: Final = 2.0
 EVERY_S: Final = 1.0
 OVERLAP: Final = WINDOW_S / EVERY_S
 """Windows share samples: so many of them are one piece of evidence."""
@@ -64,8 +65,8 @@ class WheelSpeed:
 
     Attributes
     ----------
-    heard : SpeedError or None
-        The newest answer, for the report.
+    asked_windows, heard_windows : int
+        Measurements that were due without GPS, and those that said something.
     """
 
     def __init__(self) -> None:
@@ -105,9 +106,10 @@ class WheelSpeed:
             speeds.popleft()
         if has_gps:
             self._forget()
-        if t_ns < self._due_ns <= t_ns + int(EVERY_S * 1e9):
+        every_s = LEARN_EVERY_S if has_gps else EVERY_S
+        if t_ns < self._due_ns <= t_ns + int(every_s * 1e9):
             return None
-        self._due_ns = t_ns + int(EVERY_S * 1e9)
+        self._due_ns = t_ns + int(every_s * 1e9)
         if min(v for _, v in speeds) < LEAST_SPEED_MPS:
             return None
         wheels = self._learner.wheels
@@ -118,7 +120,7 @@ class WheelSpeed:
         if found is None:
             return None
         if wheels is None or has_gps:
-            self._learner.learn(found, speed_mps, EVERY_S)
+            self._learner.learn(found, speed_mps, LEARN_EVERY_S)
             return None
         speeds_mps = np.maximum(speed_mps + self._errors, 0.0)
         self._log_l += log_likelihood(found, wheels, speeds_mps)

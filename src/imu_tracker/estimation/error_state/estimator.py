@@ -131,7 +131,7 @@ class ErrorState:
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate: its vibration, not its motion."""
-        if self._hearing is not None:
+        if self._hearing is not None and self._carrier.is_vehicle:
             self._hearing.add_sample(sample)
 
     def step(self, step: ImuStep, rest: Rest | None) -> None:
@@ -146,7 +146,7 @@ class ErrorState:
         self._propagation.take(step, rest if rests else None)
         self._temp_degc = step.temp_degc
         if self._hearing is not None and self._carrier.is_vehicle:
-            self._hearing.listen(self._bank.filters, self._propagation)
+            self._hearing.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._recall()
 

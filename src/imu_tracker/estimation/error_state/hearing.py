@@ -27,7 +27,7 @@ class Hearing:
         """Take a calibrated sample at the IMU's own rate."""
         self._wheels.add_sample(sample)
 
-    def listen(self, filters: tuple[Eskf, ...], propagation: Propagation) -> None:
+    def update(self, filters: tuple[Eskf, ...], propagation: Propagation) -> None:
         """Follow the speed of the first filter, and correct all by what is heard."""
         if not propagation.is_predicted or propagation.is_imu_silent:
             return
