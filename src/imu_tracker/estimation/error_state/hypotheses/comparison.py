@@ -48,7 +48,7 @@ class Comparison:
         *,
         has_say: bool,
     ) -> Verdict:
-        """Take a fix into the receiver's filter; compare how both foretold it.
+        """Update the receiver's filter with a fix; compare how well both predicted it.
 
         Parameters
         ----------
@@ -57,11 +57,11 @@ class Comparison:
         receiver : ReceiverModel
         fix : GpsFix
         position : Measurement
-            The fix's place against the filter.
+            The fix's position against the filter.
         geometry : FixGeometry
         ahead_s : float
         has_say : bool
-            Whether the IMU is in the filter: it speaks, and its heading is known.
+            Whether the filter uses the IMU: it delivers, and the heading is known.
         """
         noise = receiver.noise(fix, position)
         instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)

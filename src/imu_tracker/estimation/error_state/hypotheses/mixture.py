@@ -1,7 +1,8 @@
 """Weights of the hypotheses with an IMU and without, and the radius of both.
 
-Each fix foretold better by one of the two moves the weight towards it; no single fix
-decides, and past merits excuse little.
+Each fix moves the weight towards the hypothesis that predicted it better. The change per
+fix and the total are bounded, so that no single fix decides and a fault shows within
+seconds.
 """
 
 import math
@@ -14,16 +15,16 @@ START_NATS: Final = 2.0
 """Odds of 7 to 1 for an IMU before anything was compared."""
 
 MOST_NATS: Final = 5.0
-"""150 to 1: what an IMU can earn. From here it loses within seconds."""
+"""150 to 1: the largest odds for an IMU. From here it loses within seconds."""
 
 FIX_NATS: Final = 2.0
-"""What the fixes of one second can say: errors of a receiver are correlated."""
+"""Largest change by the fixes of one second: errors of a receiver are correlated."""
 
 LOST_NATS: Final = -4.0
 """50 to 1 against the IMU."""
 
 TRIAL_NATS: Final = 0.3
-"""What an IMU or a heading on trial earns in a second: a straight road proves none."""
+"""Largest gain per second of an IMU or heading on trial: a straight road proves none."""
 
 AGAIN_NATS: Final = 2.0
 DOUBT_NATS: Final = 6.0
@@ -50,9 +51,9 @@ class Odds:
     ----------
     nats : float
     is_imu_out : bool
-        Whether the IMU is relearnt, and has yet to prove itself.
+        Whether the IMU is being relearnt and its rows do not count.
     is_proved : bool
-        Whether it has foretold the fixes better for long enough, with its heading.
+        Whether it predicted the fixes better for long enough, with this heading.
     """
 
     def __init__(self) -> None:
@@ -71,7 +72,7 @@ class Odds:
         return not self.is_imu_out and self.nats >= 0.0
 
     def compare(self, imu: float, alone: float, period_s: float) -> Verdict:
-        """Take the log-likelihoods of the same fix under both."""
+        """Update with the log-likelihoods of the same fix under both."""
         most = FIX_NATS if self.is_proved else TRIAL_NATS
         better = min(max(imu - alone, -FIX_NATS), most)
         self.nats = min(self.nats + better * min(period_s, 1.0), MOST_NATS)
@@ -89,12 +90,12 @@ class Odds:
         return Verdict.NONE
 
     def pardon(self) -> None:
-        """Take the last loss back: it was the heading's, not the IMU's."""
+        """Undo the last loss: the heading was wrong, not the IMU."""
         self._n_lost -= 1
         self.is_imu_out, self.nats = False, 0.0
 
     def doubt(self) -> None:
-        """Take another heading, or another start, on trial."""
+        """Put the IMU on trial again, with another heading or after a restart."""
         self.nats, self.is_proved = min(self.nats, START_NATS), False
 
     @property
@@ -103,12 +104,12 @@ class Odds:
 
 
 def radius_m(parts: list[tuple[float, float, float]]) -> float:
-    """Radius about the leader's place that holds 95 % of a mixture.
+    """Radius about the leading position that holds 95 % of a mixture.
 
     Parameters
     ----------
     parts : list of (weight, distance_m, r95_m)
-        The leader first; the distances are those of the others' places from its own.
+        The leader first; distances are from its position.
 
     Notes
     -----

@@ -1,11 +1,11 @@
-"""The hypothesis that no IMU can be believed: the receiver alone, going straight on.
+"""The hypothesis without an IMU: constant velocity, from the receiver's fixes alone.
 
-A filter of place and velocity, one covariance for north and east. It is always alive
-while there are fixes, so that the tracker is never worse than its receiver.
+Position and velocity, one covariance for north and east. It is alive as long as there
+are fixes, so that the tracker is never worse than its receiver.
 
-The fact that a newcomer gets wrong: the receiver's lasting error is no state here.
-Doppler velocities would average it away over some minutes, and with it the radius; but
-nothing that this filter sees can tell it from a place.
+Easily got wrong: the receiver's lasting error is no state here. Doppler velocities would
+average it away over some minutes, and the radius with it, but nothing that this filter
+measures tells it apart from a position.
 """
 
 import math
@@ -22,20 +22,20 @@ UNKNOWN_DELAY_S: Final = 0.3
 """Standard deviation of a receiver's delay that no IMU has measured."""
 
 ANY_SPEED_MPS: Final = 20.0
-"""Standard deviation per axis of a speed that no receiver has told."""
+"""Standard deviation per axis of a velocity that the receiver does not send."""
 
 RESTART_FIXES: Final = 3
-"""So many wild fixes in a row, and it begins anew from the last of them."""
+"""After so many outliers in a row it starts again from the last of them."""
 
 SETTLING_NS: Final = 3_000_000_000
-"""After a start it has not yet foretold anything."""
+"""Until then after a start its predictions are not compared."""
 
 SPEED_LASTS_S: Final = 30.0
-"""Roads turn and lights change: after so long a deviation from the old way is over, and
-does not add up without an end."""
+"""Correlation time of the velocity's deviation: roads turn and lights change, so that it
+does not grow without a limit."""
 
 LONGEST_S: Final = 10.0
-"""Beyond this gap it begins anew rather than guess where it went."""
+"""After a longer gap it starts again from the next fix."""
 
 
 class FixNoise(NamedTuple):
@@ -47,8 +47,8 @@ class FixNoise(NamedTuple):
     lasting_var : float, m^2
         Error that the next fixes share.
     late_var : float, (m/s)^2
-        Of velocities that a receiver smooths and tells late; no hypothesis is judged
-        by it.
+        Of velocities that a receiver smooths and so reports late; added for every
+        hypothesis alike.
     """
 
     position_var: float
@@ -58,7 +58,7 @@ class FixNoise(NamedTuple):
 
 
 class AloneEstimate(NamedTuple):
-    """Where the antenna is by the receiver alone, and its horizontal variances."""
+    """Position and velocity of the antenna, with variances per axis."""
 
     lat_rad: float
     lon_rad: float
@@ -68,12 +68,12 @@ class AloneEstimate(NamedTuple):
 
 
 class ReceiverAlone:
-    """Place and velocity by the fixes alone.
+    """Position and velocity by the fixes alone.
 
     Parameters
     ----------
     max_speed_mps : float
-        No body of this kind is faster.
+        What a platform of this profile can do.
 
     Notes
     -----
@@ -98,11 +98,11 @@ class ReceiverAlone:
 
     @property
     def is_settled(self) -> bool:
-        """Whether its word on the last fix can be compared with another's."""
+        """Whether its prediction can be compared with another hypothesis'."""
         return self._t_ns is not None and self._t_ns - self._started_ns > SETTLING_NS
 
     def start(self, fix: GpsFix, t_ns: int, noise: FixNoise) -> None:
-        """Begin at a fix that describes the instant `t_ns`."""
+        """Start at a fix that describes the instant `t_ns`."""
         self._t_ns = self._started_ns = t_ns
         self._place = (fix.lat_rad, fix.lon_rad)
         self._v_ne = np.array(fix.vel_ne_mps or (0.0, 0.0))
@@ -114,13 +114,13 @@ class ReceiverAlone:
     def update(
         self, fix: GpsFix, t_ns: int, noise: FixNoise, accel_psd: float
     ) -> float | None:
-        """Take a fix that describes the instant `t_ns`.
+        """Update with a fix that describes the instant `t_ns`.
 
         Returns
         -------
         float or None
-            Log-likelihood of its position and velocity; None: a wild fix, or nothing
-            was foretold.
+            Log-likelihood of its position and velocity; None: an outlier, or there was
+            no prediction.
         """
         if self._t_ns is None or not 0 <= t_ns - self._t_ns < LONGEST_S * 1e9:
             self.start(fix, t_ns, noise)
@@ -153,7 +153,7 @@ class ReceiverAlone:
         return likelihood
 
     def estimate_at(self, t_ns: int, accel_psd: float) -> AloneEstimate:
-        """Go straight on to an instant; the radius grows as far as it can have gone."""
+        """Predict to an instant, bounded by the speed that the profile allows."""
         assert self._t_ns is not None
         dt_s = (t_ns - self._t_ns) * 1e-9
         P = self._grown(max(dt_s, 0.0), accel_psd)
@@ -180,7 +180,7 @@ class ReceiverAlone:
 def _corrected(
     place_ne: Array, v_ne: Array, P: Array, row: int, z: Array, s: float
 ) -> tuple[Array, Array, Array]:
-    """Fold an innovation of the place (row 0) or velocity (row 1) in, Joseph form."""
+    """Update with an innovation of position (row 0) or velocity (row 1), Joseph form."""
     gain = P[:, row] / s
     kept = np.eye(2)
     kept[:, row] -= gain
