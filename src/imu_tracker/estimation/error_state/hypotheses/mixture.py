@@ -1,8 +1,8 @@
 """Weights of the hypotheses with an IMU and without, and the radius of both.
 
-Each fix moves the weight towards the hypothesis that predicted it better. The change per
-fix and the total are bounded, so that no single fix decides and a fault shows within
-seconds.
+Each fix moves the weight towards the hypothesis that predicted it better. The change
+per fix and the total are bounded, so that no single fix decides and a fault shows
+within seconds.
 """
 
 import math
@@ -24,7 +24,7 @@ LOST_NATS: Final = -4.0
 """50 to 1 against the IMU."""
 
 TRIAL_NATS: Final = 0.3
-"""Largest gain per second of an IMU or heading on trial: a straight road proves none."""
+"""Largest gain per second while on trial: a straight road proves no heading."""
 
 AGAIN_NATS: Final = 2.0
 DOUBT_NATS: Final = 6.0

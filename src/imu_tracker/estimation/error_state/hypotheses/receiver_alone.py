@@ -3,9 +3,9 @@
 Position and velocity, one covariance for north and east. It is alive as long as there
 are fixes, so that the tracker is never worse than its receiver.
 
-Easily got wrong: the receiver's lasting error is no state here. Doppler velocities would
-average it away over some minutes, and the radius with it, but nothing that this filter
-measures tells it apart from a position.
+Easily got wrong: the receiver's lasting error is no state here. Doppler velocities
+would average it away over some minutes, and the radius with it, but nothing that this
+filter measures tells it apart from a position.
 """
 
 import math
@@ -31,8 +31,8 @@ SETTLING_NS: Final = 3_000_000_000
 """Until then after a start its predictions are not compared."""
 
 SPEED_LASTS_S: Final = 30.0
-"""Correlation time of the velocity's deviation: roads turn and lights change, so that it
-does not grow without a limit."""
+"""Correlation time of the velocity's deviation: roads turn and lights change, so that
+it does not grow without a limit."""
 
 LONGEST_S: Final = 10.0
 """After a longer gap it starts again from the next fix."""
@@ -180,7 +180,7 @@ class ReceiverAlone:
 def _corrected(
     place_ne: Array, v_ne: Array, P: Array, row: int, z: Array, s: float
 ) -> tuple[Array, Array, Array]:
-    """Update with an innovation of position (row 0) or velocity (row 1), Joseph form."""
+    """Update with an innovation of position (row 0) or velocity (1), Joseph form."""
     gain = P[:, row] / s
     kept = np.eye(2)
     kept[:, row] -= gain
