@@ -222,7 +222,7 @@ PROTECTIONS: Final = (
         *("garbage that looks like a sentence", "the checksum is compared"),
         *(
             "sensors/gnss/lines.py",
-            'if digits.upper() != b"%02X" % reduce(xor, body, 0):',
+            'if digits.upper() not in (b"%02X" % expected, b"%X" % expected):',
             "if False:",
         ),
         "tests/unit/test_nmea_lines.py",
@@ -240,8 +240,8 @@ PROTECTIONS: Final = (
         *("RMC with status V is read as a fix", "status A alone counts"),
         *(
             "sensors/gnss/sentences.py",
-            '        has_fix=status == "A" and mode not in NOT_MEASURED,',
-            "        has_fix=True,",
+            "has_fix=has_fix_by_status(status, mode),\n        lat_lon_rad=_position(*place),\n        vel",
+            "has_fix=True,\n        lat_lon_rad=_position(*place),\n        vel",
         ),
         "tests/unit/test_nmea_sentences.py",
     ),
@@ -254,7 +254,7 @@ PROTECTIONS: Final = (
         *("dates 1024 weeks back", "weeks are added until they are not"),
         *(
             "sensors/gnss/calendar.py",
-            "            return max(0, ceil((self._earliest_utc_s - sent_utc_s) / ROLLOVER_S))",
+            "            return max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))",
             "            return 0",
         ),
         "[date 1024 weeks back-start]",

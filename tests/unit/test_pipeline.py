@@ -15,6 +15,7 @@ from imu_tracker.simulation import simulate
 from imu_tracker.simulation.receiver.receiver import IDEAL_RECEIVER, TYPICAL_RECEIVER
 from imu_tracker.simulation.simulator import START_NS, START_UTC_S
 from imu_tracker.storage.latlong import format_row
+from nmea_text import sentence
 from simulated import compare, run, without
 
 SECOND_NS = 1_000_000_000
@@ -267,19 +268,30 @@ def test_the_mount_of_the_settings_goes_before_the_headers() -> None:
     assert run(headless, recorded.frames, settings)[0] == right
 
 
-def test_live_dates_before_the_release_are_rolled_over() -> None:
-    recorded = record(
-        "still",
-        20.0,
-        receiver=IDEAL_RECEIVER,
-    )
+def told_in(day: str, frame: Frame) -> Frame:
+    """Let an RMC tell another day."""
+    if not frame.data.startswith(b"$GNRMC"):
+        return frame
+    body = frame.data.decode()[1:].partition("*")[0].replace(",221126,", f",{day},")
+    return frame._replace(data=sentence(body))
+
+
+@pytest.mark.parametrize(
+    ("day", "weeks"), [("221126", 0), ("080407", 1024), ("230887", 2048)]
+)
+def test_live_dates_some_1024_weeks_before_the_release_are_rolled_over(
+    day: str, weeks: int
+) -> None:
+    # The simulation is of the day before the release; so are all three days, by weeks
+    # that a receiver may have lost.
+    recorded = record("still", 20.0, receiver=IDEAL_RECEIVER)
     header = recorded.header._replace(start_utc_s=None)
-    weeks_s = 1024 * 7 * 86400.0
     live = Pipeline(header, TrackerSettings(), live=True)
-    rows = [row for frame in recorded.frames for row in live.feed(frame)]
-    # The simulation is of the day before the release: such a date cannot be true.
-    assert rows[0].utc_s == pytest.approx(START_UTC_S + weeks_s, abs=2.0)
-    assert any("1024 weeks" in notice for notice in live.take_notices())
+    frames = [told_in(day, frame) for frame in recorded.frames]
+    rows = [row for frame in frames for row in live.feed(frame)]
+    assert rows[0].utc_s == pytest.approx(START_UTC_S, abs=2.0)
+    said = any(f"{weeks} weeks" in notice for notice in live.take_notices())
+    assert said == (weeks > 0)
 
 
 # -------------------------------------------------------------- stillness and walks

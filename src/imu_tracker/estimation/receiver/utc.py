@@ -37,8 +37,11 @@ SLEW: Final = 0.1
 """Rows move by this part of their period at most, until they agree."""
 
 HOLE_NS: Final = 5_000_000_000
+HOLE_EPOCHS: Final = 20
 """A correction forward by more than this is taken at once and leaves a hole in the
-rows' times, which still grow; to slew it in would take minutes, or for ever."""
+rows' times, which still grow; to slew it in would take minutes, or for ever. But only
+once so many epochs agree: a receiver whose time moves forth and back within seconds
+must not put the log an hour ahead."""
 
 LEAPS_NS: Final = 20_000_000_000
 """Between GPS time and UTC lie 18 s. Rows that are dated wrong by more than that are
@@ -71,6 +74,7 @@ class UtcClock:
         self._shown_ns: int | None = None
         self._first_ns: int | None = None
         self._told_ns: int | None = None  # the relation by the last epoch alone
+        self._n_agreeing = 0  # epochs since the relation last changed
         self.jumps = 0
         self.holes = 0
         self.is_in_doubt = False
@@ -102,6 +106,7 @@ class UtcClock:
         elif abs(offset - self._offset_ns) < STALE_NS and not is_leap:
             self._candidates.clear()
             self._take(offset)
+            self._n_agreeing += 1
         else:
             # From the future no buffer delivers.
             self.is_in_doubt = is_leap or offset > self._offset_ns
@@ -148,7 +153,7 @@ class UtcClock:
         assert self._shown_ns is not None
         assert self._offset_ns is not None
         behind_ns = self._offset_ns - self._shown_ns
-        if behind_ns > HOLE_NS:
+        if behind_ns > HOLE_NS and self._n_agreeing >= HOLE_EPOCHS:
             self._shown_ns = self._offset_ns
             self.holes += 1
             return behind_ns
@@ -183,6 +188,7 @@ class UtcClock:
             return 0.0
         before_ns = self._offset_ns
         self.jumps += 1
+        self._n_agreeing = 0
         self.is_in_doubt = False
         self._offsets.clear()
         for _, candidate in self._candidates:

@@ -17,6 +17,9 @@ ROLLOVER_S: Final = ROLLOVER_WEEKS * 7 * DAY_S
 UNSURE_S: Final = 2.0 * DAY_S
 """A reference may be the day alone, and lack the time zone."""
 
+LATE_DATE_S: Final = 2.0 * 365.25 * DAY_S
+"""Dates so long before the release are taken as they are sent."""
+
 LIFE_S: Final = 10.0 * 365.25 * DAY_S
 """A release is in use for so long: of the 19.6 years that a rollover leaves open, a
 date of manufacture falls into the others."""
@@ -108,9 +111,9 @@ class Calendar:
         if self._reference_utc_s is not None:
             return round((self._reference_utc_s - sent_utc_s) / ROLLOVER_S)
         if self._earliest_utc_s is not None:
-            # True dates lie within LIFE_S after the release, rolled-over ones a whole
-            # number of rollovers earlier; what is nearer to the release is no rollover.
-            earliest_true_s = self._earliest_utc_s - (ROLLOVER_S - LIFE_S)
+            # A date a little before the release is a clock that runs late; what lies
+            # further back has lost whole rollovers.
+            earliest_true_s = self._earliest_utc_s - LATE_DATE_S
             return max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))
         return 0
 
