@@ -144,11 +144,12 @@ class FixUpdate:
         if verdict is Verdict.IMU_BACK:
             self._notify("the IMU agrees with the receiver again")
         if not self._gate.passes(nis):
-            has_lead = self.comparison.odds.has_imu_lead
+            odds = self.comparison.odds
             if self._gate.reject(fix):
                 self._restart(fix)
-                return FixOutcome.REACQUIRED if has_lead else FixOutcome.ACCEPTED
-            if not has_lead:
+                # While the IMU is out the rows were the receiver's already.
+                return FixOutcome.ACCEPTED if odds.is_imu_out else FixOutcome.REACQUIRED
+            if not odds.has_imu_lead:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
