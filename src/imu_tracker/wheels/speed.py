@@ -33,6 +33,10 @@ TOGETHER: Final = 6
 ALIKE_CHANNELS: Final = 2.0
 """Six channels of one box feel the same shaking: so many of them are one."""
 
+LASTING: Final = 3.0
+"""A line that is taken for another one is so again six seconds later: measurements of
+an outage share their errors, and count as a third."""
+
 LEAST_SPEED_MPS: Final = 6.0
 """Below, the first order drowns in what the body does when it starts and stops."""
 
@@ -199,4 +203,4 @@ def posterior(
         return None
     gain = prior_var / (prior_var - var)
     floor = math.hypot(FLOOR_MPS, FLOOR_SHARE * speed_mps)
-    return SpeedError(mean * gain, var * gain + floor**2)
+    return SpeedError(mean * gain, LASTING * var * gain + floor**2)
