@@ -209,3 +209,22 @@ def test_a_position_whose_file_is_another_one_now_goes_by_time(path: Path) -> No
     tail = LogTail(path, stale)
     assert given(tail) == [2]
     tail.close()
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_file_that_begins_in_the_second_of_the_position_hides_no_row(
+    path: Path, is_packed: bool
+) -> None:
+    # Names have whole seconds: the newer file was taken for the one of the position,
+    # and the last rows of the older one were never given.
+    rows = [line(1).replace(".000Z", f".{ms}Z") for ms in ("000", "250", "500", "750")]
+    path.write_text(f"{HEADER}\n{rows[0]}{rows[1]}")
+    after_first = TailPosition(NOON.timestamp() + 1.0)
+    put_aside(path, 1, is_packed=is_packed)
+    path.write_text(f"{HEADER}\n{rows[2]}{rows[3]}")
+    path.rename(path.with_name("latlong-20261122T120001Z-2.csv"))
+    path.write_text(text(5))
+    tail = LogTail(path, after_first)
+    found = [row.utc_s - NOON.timestamp() for row in tail.rows()]
+    assert found == [1.25, 1.5, 1.75, 5.0]
+    tail.close()

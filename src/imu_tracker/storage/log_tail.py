@@ -173,7 +173,7 @@ class LogTail:
             begins = [_stamp(self._path, name) for name in names]
             after = _stamp_of(self._after_s)
             first = max(
-                (i for i, begin in enumerate(begins) if begin <= after), default=0
+                (i for i, begin in enumerate(begins) if begin < after), default=0
             )
             self._seen = set(names[:first])
         for name in names:
