@@ -76,9 +76,10 @@ def judge(fault: Fault, at_s: float, bench: Bench, result: Result) -> Cell:
         return Cell(None, 0.0, [*found, "no rows"])
     expect(rows[0].at_s < at_s + 16 + FIRST_FIX_S, f"rows begin at {rows[0].at_s}")
     steps = {round(new.state.utc_s - old.state.utc_s, 3) for old, new in pairwise(rows)}
-    # A correction of UTC forward may leave one hole; nothing else may.
+    # A correction of UTC forward that lasts may leave one hole; nothing else may.
     holes = [step for step in steps if step != 0.25]
-    may_leap = fault.moves_time and len(holes) == 1 and holes[0] > 5.0
+    is_lasting = fault.moves_time and fault.lasts_s > LENGTH_S
+    may_leap = is_lasting and len(holes) == 1 and holes[0] > 5.0
     expect(not holes or may_leap, f"steps of the rows: {steps}")
     latest_s = max(row.at_s - (row.state.t_ns - clock_ns(0)) / S for row in rows)
     expect(fault.is_late or latest_s <= LATEST_ROW_S, f"a row is {latest_s} s late")

@@ -60,7 +60,6 @@ class Fault(NamedTuple):
 
 SPOOFED: Final = "may be led astray"
 LOST: Final = "position lost; started again from the receiver"
-CONTRADICTED: Final = "the IMU contradicts the receiver: GPS alone"
 JUMPED: Final = "the receiver's time jumped"
 OVERLOADED: Final = "more than its line carries"
 BUS: Final[dict[str, Any]] = {"back": "imu", "mode": "gpsonly", "says": "imu lost"}

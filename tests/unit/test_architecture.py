@@ -254,6 +254,21 @@ def test_a_room_has_a_door_that_says_what_is_in_it(room: str) -> None:
 
 
 @pytest.mark.parametrize("room", ROOMS)
+def test_a_door_names_only_what_is_there(room: str) -> None:
+    tree = ast.parse(MODULES[room].read_text(encoding="utf-8"))
+    defined = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    missing = {
+        name for name in public_of(room) - defined if f"{room}.{name}" not in MODULES
+    }
+    assert not missing, f"__all__ of {room} names {sorted(missing)}: it has moved"
+
+
+@pytest.mark.parametrize("room", ROOMS)
 def test_a_room_is_small_enough_to_take_in(room: str) -> None:
     files = [name for name in MODULES if name.rpartition(".")[0] == room]
     files = [name for name in files if MODULES[name].name != "__init__.py"]

@@ -157,3 +157,21 @@ def test_two_tops_make_a_wide_answer_and_none_says_nothing() -> None:
     assert single is not None
     assert single.error_mps == pytest.approx(0.5, abs=0.05)
     assert double is None or double.var > 5.0 * single.var
+
+
+@pytest.mark.parametrize("sigma_mps", [0.1, 1.0, 4.0, 8.0, 20.0])
+def test_a_flat_likelihood_says_nothing_however_wide_the_prior_is(
+    sigma_mps: float,
+) -> None:
+    # The grid ends at 8 m/s: a prior that is cut off there is narrower, by no evidence.
+    errors = np.arange(-8.0, 8.0, 0.05)
+    assert posterior(errors, np.zeros(len(errors)), 30.0, sigma_mps) is None
+
+
+def test_the_windows_of_another_filter_do_not_count() -> None:
+    steady, told = WheelSpeed(), WheelSpeed()
+    for listener in (steady, told):
+        drive(listener, 94.5, gps_s=90.0, wrong_mps=0.5)
+    told.forget_evidence()
+    assert steady._n_together > 0
+    assert told._n_together == 0

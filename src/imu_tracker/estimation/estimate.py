@@ -1,9 +1,9 @@
 """What the tracker asks of an estimator, and what it gets.
 
-Estimators know nothing of arrival, latency or rows: the tracker hands them steps and
-fixes in the order of the instants that they describe, and takes them back to an
-earlier instant when a fix comes late. What an estimator has put into a snapshot it
-never changes in place, so that a snapshot is a few references.
+Estimators know nothing of arrival, latency or rows: they receive steps and fixes in the
+order of the instants that these describe. `rewind` restores a snapshot of six-state
+when a fix comes late; arrays in a snapshot are never changed in place, so that a
+snapshot is a few references. Error-state needs no snapshots.
 """
 
 import math

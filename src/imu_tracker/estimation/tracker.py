@@ -1,9 +1,10 @@
 """Owns time: the order of events, the history for late ones, the grid of rows.
 
 Events come in the order of arrival; estimates are made in the order of the instants
-that the events describe. A fix that arrives describes an instant in the past: the
-estimator goes back to the snapshot of that instant, takes the fix, and repeats the
-steps since. Rows lie on the grid of UTC and never use what arrived after them.
+that the events describe. A fix that arrives describes an instant in the past; what that
+means is the estimator's affair: error-state runs behind by as much (`fixed_lag`),
+six-state returns to a snapshot of that instant and repeats the steps since (`rewind`).
+Rows lie on the grid of UTC and never use what arrived after them.
 """
 
 import math

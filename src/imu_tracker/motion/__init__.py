@@ -1,8 +1,8 @@
 """What the IMU says without a receiver.
 
 In: calibrated samples (`ImuSample`, body axes). Out: integrated steps of 40 ms,
-standstill, vibration level, steps of a walker, the profile, stuck axes. Not here:
-position, heading, or any filter.
+standstill (the condition of the zero-velocity update), vibration level, steps of a
+walker, the profile, stuck axes. Not here: position, heading, or any filter.
 """
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 Rows can be watched with `tail -F`; each is written at once and whole, and their times
 strictly grow, also over a restart. How the file survives power cuts and full disks
-is `appendfile`'s affair. A newcomer trips over `r95_m`: it is rounded up, because it
+is `append_file`'s affair. A newcomer trips over `r95_m`: it is rounded up, because it
 is a promise.
 """
 

@@ -1,6 +1,6 @@
 """The state file: what a run learnt, for the next one to begin with.
 
-One JSON object, replaced as a whole (`outputs.atomic`). What a newcomer gets wrong: a
+One JSON object, replaced as a whole (`storage.atomic`). What a newcomer gets wrong: a
 state that is nearly right is worse than none. Whatever is damaged, not finite, not
 plausible, of another chip, mounted or calibrated otherwise, is refused as a whole; the
 daemon then learns anew.

@@ -97,6 +97,8 @@ class WheelSpeed:
     ) -> SpeedError | None:
         """Take the speed of a filter at its own instant, a few times a second.
 
+        `forget_evidence` goes before when it is another filter's speed.
+
         Returns
         -------
         SpeedError or None
@@ -109,7 +111,7 @@ class WheelSpeed:
         while speeds[0][0] < t_ns - int((WINDOW_S + 0.5) * 1e9):
             speeds.popleft()
         if has_gps:
-            self._forget()
+            self.forget_evidence()
         every_s = LEARN_EVERY_S if has_gps else EVERY_S
         if t_ns < self._due_ns <= t_ns + int(every_s * 1e9):
             return None
@@ -132,13 +134,13 @@ class WheelSpeed:
         if self._n_together < TOGETHER:
             return None
         answer = posterior(self._errors, self._log_l, speed_mps, sigma_mps)
-        self._forget()
+        self.forget_evidence()
         self.asked_windows += 1
         self.heard_windows += answer is not None
         return answer
 
-    def _forget(self) -> None:
-        """Begin the evidence of another measurement."""
+    def forget_evidence(self) -> None:
+        """Drop the windows that are not a measurement yet."""
         if self._n_together:
             self._log_l = np.zeros(len(self._errors))
             self._n_together = 0
@@ -189,18 +191,25 @@ def posterior(
     -----
     Mean m and variance s of prior times likelihood on a grid; two tops make s wide. The
     measurement that does the same to a Kalman filter has the variance
-    R = s P / (P - s) and the value m P / (P - s).
+    R = s P / (P - s) and the value m P / (P - s). P is the prior's variance on that
+    grid: where the grid cuts a wide prior off, the cut is no evidence.
     """
-    prior_var = sigma_mps**2
     reach = max(REACH_SIGMAS * sigma_mps, LEAST_REACH_MPS)
-    log_p = log_l / (OVERLAP * ALIKE_CHANNELS) - 0.5 * errors_mps**2 / prior_var
-    log_p = np.where(np.abs(errors_mps) <= reach, log_p, -math.inf)
-    p = np.exp(log_p - log_p.max())
-    p /= p.sum()
-    mean = float(p @ errors_mps)
-    var = float(p @ (errors_mps - mean) ** 2)
+    log_prior = -0.5 * (errors_mps / sigma_mps) ** 2
+    log_prior = np.where(np.abs(errors_mps) <= reach, log_prior, -math.inf)
+    _, prior_var = _moments(errors_mps, log_prior)
+    log_p = log_prior + log_l / (OVERLAP * ALIKE_CHANNELS)
+    mean, var = _moments(errors_mps, log_p)
     if var > WORTH_SHARE * prior_var:
         return None
     gain = prior_var / (prior_var - var)
     floor = math.hypot(FLOOR_MPS, FLOOR_SHARE * speed_mps)
     return SpeedError(mean * gain, LASTING * var * gain + floor**2)
+
+
+def _moments(x: Array, log_p: Array) -> tuple[float, float]:
+    """Mean and variance of x under unnormalised log-probabilities."""
+    p = np.exp(log_p - log_p.max())
+    p /= p.sum()
+    mean = float(p @ x)
+    return mean, float(p @ (x - mean) ** 2)

@@ -5,10 +5,8 @@ was learnt. Not here: the order of events and output times (`Tracker`).
 """
 
 __all__ = [
-    "alignment",
     "estimator",
     "filter",
-    "noise_bank",
     "platform",
     "receiver_model",
     "states",

@@ -1,8 +1,8 @@
 """The error-state filter: learns its tilt, its biases, its heading, its mounting.
 
 Here its parts are put together and driven through time. The filters stay some tenths
-of a second behind (`trail.py`), move on by steps (`propagation.py`), are corrected by
-fixes (`fix_update.py`) and turned the right way round (`alignment.py`); rows are
+of a second behind (`fixed_lag`), move on by steps (`propagation`), are corrected by
+fixes (`fix_update`) and turned the right way round (`hypotheses/alignment`); rows are
 predicted from their instant through the steps that wait.
 """
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
-from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
@@ -20,6 +20,7 @@ from imu_tracker.estimation.error_state.propagation import (
     Propagation,
 )
 from imu_tracker.estimation.error_state.receiver_model import (
+    FixGeometry,
     ReceiverModel,
     geometry_of,
     log_likelihood,
@@ -129,8 +130,7 @@ class FixUpdate:
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
-        frame = self._propagation.frame
-        position = receiver.position(eskf, fix, frame, geometry, ahead_s)
+        position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
         has_say = is_aligned and not self._propagation.is_imu_silent
@@ -216,14 +216,22 @@ class FixUpdate:
             P[4, 4] += share * (beyond_m / DOUBT_S) ** 2
             eskf.P = P
 
+    def _position(
+        self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
+    ) -> Measurement:
+        """Measurement of the position: the same for gate, comparison and update."""
+        frame = self._propagation.frame
+        position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
+        if not self._alignment.is_aligned or eskf is self._alignment.agnostic:
+            position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
+        return position
+
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
         """Fold position, height and velocity into one filter; return how likely."""
         receiver, propagation = self.receiver, self._propagation
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
-        position = receiver.position(eskf, fix, propagation.frame, geometry, ahead_s)
-        if not is_aligned or eskf is self._alignment.agnostic:
-            position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
+        position = self._position(eskf, fix, geometry, ahead_s)
         likelihood = log_likelihood(position.z, eskf.innovation_covariance(position))
         eskf.apply(position)
         eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))

@@ -22,6 +22,7 @@ class Hearing:
 
     def __init__(self) -> None:
         self._wheels = WheelSpeed()
+        self._main: Eskf | None = None
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a calibrated sample at the IMU's own rate."""
@@ -32,6 +33,9 @@ class Hearing:
         if not propagation.is_predicted or propagation.is_imu_silent:
             return
         main = filters[0]
+        if main is not self._main:
+            self._wheels.forget_evidence()  # of another filter's speed
+            self._main = main
         speed_mps, sigma_mps = along(main)
         found = self._wheels.add_speed(
             main.nominal.t_ns,

@@ -1,6 +1,6 @@
 """What is known of a body without being measured: when which constraint is applied.
 
-Those of a vehicle are in `vehicle.py`, those of a walker in `gait.py`; nothing is known
+Those of a vehicle are in `vehicle`, those of a walker in `pedestrian`; nothing is known
 of a free body but that it rests at times, and that its mean force is gravity.
 """
 
@@ -57,7 +57,7 @@ class Behaviour:
         self.own_accel_mps2: float | None = None
 
     def forget_gait(self) -> None:
-        """Hear that nobody knows how the box turned meanwhile, or who carries it."""
+        """Discard the learnt gait, because the box may have been turned."""
         self._gait = Gait()
 
     def apply(self, rest: Rest | None, period_s: float, dark_s: float) -> None:
