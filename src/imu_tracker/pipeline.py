@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
+from imu_tracker.estimation.error_state.smoothing.smoother import History
 from imu_tracker.estimation.error_state.warm_start import Learnt
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
@@ -45,6 +46,8 @@ class Pipeline:
         program is then a rolled-over one.
     corrections : Corrections, optional
         What is known of this very chip; without them it is taken for the datasheet's.
+    history : History, optional
+        Of the error-state filters, for a smoother.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Pipeline:
         *,
         live: bool = False,
         corrections: Corrections | None = None,
+        history: History | None = None,
     ) -> None:
         mount = settings.mount or header.mount or DEFAULT_MOUNT
         model: CountsModel | CorrectedModel
@@ -75,7 +79,7 @@ class Pipeline:
             date=settings.gps_date,
             earliest_utc_s=release.timestamp() if live else None,
         )
-        self._tracker = Tracker(settings)
+        self._tracker = Tracker(settings, history)
         self._axes, self._backlog, self._drag = StuckAxes(), Backlog(), DragWatch()
 
     def feed(self, frame: Frame) -> list[NavState]:

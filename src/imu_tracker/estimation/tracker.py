@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.smoothing.smoother import History
 from imu_tracker.estimation.error_state.warm_start import Learnt, Since
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
@@ -82,7 +83,9 @@ class TrackerSettings(NamedTuple):
     hears_wheels: bool = True
 
 
-def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
+def navigator_of(
+    settings: TrackerSettings, latency_s: float, history: History | None = None
+) -> Navigator:
     """Make the estimator that the configuration chooses."""
     if settings.estimator == "error-state":
         prior = settings.prior
@@ -91,6 +94,7 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
         return ErrorState(
             *(settings.profile, settings.lever_arm_m, prior),
             hears_wheels=settings.hears_wheels,
+            history=history,
         )
     # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
     from imu_tracker.estimation.six_state.estimator import SixState
@@ -113,9 +117,13 @@ class Tracker:
     Parameters
     ----------
     settings : TrackerSettings
+    history : History, optional
+        Of the error-state filters, for a smoother.
     """
 
-    def __init__(self, settings: TrackerSettings) -> None:
+    def __init__(
+        self, settings: TrackerSettings, history: History | None = None
+    ) -> None:
         self._settings = settings
         self._fixes: Counter[str] = Counter()
         self._preintegrator = Preintegrator()
@@ -123,7 +131,7 @@ class Tracker:
         latency_s = settings.latency_s
         if latency_s is None:
             latency_s = TYPICAL_LATENCY_S
-        self._navigator = navigator_of(settings, latency_s)
+        self._navigator = navigator_of(settings, latency_s, history)
         self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
         if settings.prior is not None:
             self._standstill.vibration.recall(settings.prior.still_levels)

@@ -11,6 +11,7 @@ import numpy as np
 
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
+from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, Stopwatch
 from imu_tracker.recording.scoring import Track, score
@@ -43,6 +44,8 @@ class Replay:
     ) -> None:
         self._config, self._corrections, self._state = config, corrections, state
         self._pipeline: Pipeline | None = None
+        self._last_utc_s = -math.inf
+        self._frame: Frame | None = None  # the last one
         self._now_ns: int | None = None  # of this session
         self._stopwatch = Stopwatch()
         self._sessions = 0
@@ -54,22 +57,37 @@ class Replay:
 
     def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
         """Yield the rows of the log; their times grow, also from session to session."""
-        last_utc_s = -math.inf
         for item in stream:
-            self._elapsed_s = self._stopwatch.read(item)
             if isinstance(item, SessionHeader):
+                yield from self._kept(self.remaining())
+                self._elapsed_s = self._stopwatch.read(item)
                 self._begin(item)
                 continue
+            self._elapsed_s = self._stopwatch.read(item)
             if self._pipeline is None:
                 raise ValueError("a stream begins with its header")
+            self._frame = item
             for due in self._due_rows(self._pipeline, item):
                 self._tell()
-                for state in due:
-                    if state.utc_s > last_utc_s:
-                        last_utc_s = state.utc_s
-                        self._keep(item, state)
-                        yield state
+                yield from self._kept(self.finished(due))
         self._tell()
+        yield from self._kept(self.remaining())
+
+    def finished(self, due: list[NavState]) -> list[NavState]:
+        """Return the rows to be given out now that `due` have come."""
+        return due
+
+    def remaining(self) -> list[NavState]:
+        """Return the rows to be given out at the end of a session."""
+        return []
+
+    def _kept(self, rows: list[NavState]) -> Iterator[NavState]:
+        """Pass rows on whose times grow."""
+        for state in rows:
+            if state.utc_s > self._last_utc_s:
+                self._last_utc_s = state.utc_s
+                self._keep(state)
+                yield state
 
     def _due_rows(self, pipeline: Pipeline, frame: Frame) -> Iterator[list[NavState]]:
         """Feed a frame; the rows of a long silence before it come minute by minute."""
@@ -120,15 +138,19 @@ class Replay:
             mount = settings.mount or header.mount or DEFAULT_MOUNT
             sensor = sensor_of(header.chip, mount, self._corrections)
             settings = settings._replace(prior=self._state.begin(sensor))
-        self._pipeline = Pipeline(header, settings, corrections=self._corrections)
+        self._pipeline = self.pipeline(header, settings)
+
+    def pipeline(self, header: SessionHeader, settings: TrackerSettings) -> Pipeline:
+        """Make the pipeline of a session."""
+        return Pipeline(header, settings, corrections=self._corrections)
 
     def _remember(self) -> None:
         if self._state is not None and self._pipeline is not None:
             self._state.remember(self._pipeline.learnt())
 
-    def _keep(self, item: Frame, state: NavState) -> None:
-        if self._zero_utc_s is None:
-            row_s = self._elapsed_s - (item.t_ns - state.t_ns) / 1e9
+    def _keep(self, state: NavState) -> None:
+        if self._zero_utc_s is None and self._frame is not None:
+            row_s = self._elapsed_s - (self._frame.t_ns - state.t_ns) / 1e9
             self._zero_utc_s = state.utc_s - row_s
         row = (
             state.utc_s,

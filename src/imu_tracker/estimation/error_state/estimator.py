@@ -28,6 +28,8 @@ from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Carrier
 from imu_tracker.estimation.error_state.propagation import Propagation
+from imu_tracker.estimation.error_state.smoothing.history import Scene
+from imu_tracker.estimation.error_state.smoothing.smoother import History
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     GYRO_BIAS,
@@ -84,6 +86,8 @@ class ErrorState:
         What an earlier run learnt; its latency counts from what the tracker assumes.
     hears_wheels : bool
         Whether an outage's speed is taken from the vibration of the wheels.
+    history : History, optional
+        Keeps what happens to the filters, for a smoother.
     """
 
     in_hindsight = True
@@ -95,6 +99,7 @@ class ErrorState:
         prior: Learnt | None = None,
         *,
         hears_wheels: bool = True,
+        history: History | None = None,
     ) -> None:
         self._hearing = Hearing() if hears_wheels else None
         self._lever_arm_m = lever_arm_m
@@ -113,6 +118,9 @@ class ErrorState:
             *(self._propagation, self._notify),
         )
         self._trail = Trail()
+        self._history = history
+        if history is not None:
+            history.begin(self._bank.filters)
         if prior is not None:
             if self._carrier.recall(prior.profile):
                 self._change_profile()
@@ -149,6 +157,20 @@ class ErrorState:
             self._hearing.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._recall()
+        if self._history is not None and self._propagation.is_predicted:
+            self._mark(self._history)
+
+    def _mark(self, history: History) -> None:
+        """Let the smoother return to this instant."""
+        if history.is_mark_due:
+            scene = Scene(
+                self._propagation.frame,
+                self._fixes.alt_origin_m,
+                self._shift_ns * 1e-9,
+                self._propagation.dark_s,
+                self._alignment.is_aligned,
+            )
+            history.mark(self._alignment.filters, scene)
 
     def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""

@@ -14,6 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imu_tracker.estimation.error_state.kalman import predicted, updated
+from imu_tracker.estimation.error_state.smoothing.history import (
+    Change,
+    Correction,
+    Entry,
+    Forgetting,
+    Stretch,
+)
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_NOISE_PSD,
@@ -115,6 +122,9 @@ class Eskf:
     receiver_var : float, m^2
         Of the receiver's lasting error, per axis.
     P : ndarray, shape (31, 31)
+    keeps_history : bool
+        Whether what happens is kept in `past`, for a smoother.
+    past : Entry or None
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -140,6 +150,8 @@ class Eskf:
         self._dv_b: Vec3 = _ZERO
         self._turn_n: Vec3 = _ZERO
         self._gyro_scatter_var = self._accel_scatter_var = 0.0
+        self.keeps_history = False
+        self.past: Entry | None = None
 
     def clone(self, noise: NoiseLevel) -> "Eskf":
         """Copy with another noise level; arrays are replaced, never changed."""
@@ -155,6 +167,18 @@ class Eskf:
         P[where, :] = P[:, where] = 0.0
         P[where, where] = np.diag(np.atleast_1d(variances))
         self.P = P
+        if self.keeps_history:
+            self.past = Forgetting(self.past, where)
+
+    def transform(self, T: Array) -> None:
+        """Let the errors be T errors."""
+        self.P = T @ self.P @ T.T
+        self.note_change(T)
+
+    def note_change(self, T: Array) -> None:
+        """Keep for a smoother that the errors were made T errors."""
+        if self.keeps_history:
+            self.past = Change(self.past, T)
 
     def set_vehicle(self, *, is_vehicle: bool) -> None:
         """Begin, or cease, to learn a mounting."""
@@ -280,7 +304,7 @@ class Eskf:
         self.axle_m = -self.axle_m
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
-        self.P = T @ self.P @ T.T
+        self.transform(T)
 
     def take_over(self, other: "Eskf") -> None:
         """Become another filter, but for the noise level and what it cannot know."""
@@ -323,6 +347,11 @@ class Eskf:
             is_vehicle=self._is_vehicle,
         )
         self.P = predicted(self.P, F, Q)
+        if self.keeps_history:
+            q_nb = self.nominal.q_nb
+            self.past = Stretch(
+                *(self.past, q_nb, dt, self._dv_n, self._turn_n), use_force=use_force
+            )
         north, east = self.receiver_ne_m
         decay = float(F[17, 17])
         self.receiver_ne_m = (north * decay, east * decay)
@@ -354,6 +383,8 @@ class Eskf:
 
     def apply(self, measured: Measurement) -> None:
         """Fold a measurement into the solution."""
+        if self.keeps_history:
+            self.past = Correction(self.past, self.P, *measured)
         errors, self.P = updated(self.P, *measured)
         self._inject(errors)
 
@@ -426,6 +457,9 @@ class Eskf:
             self.P = P
             north, east = self.receiver_ne_m
             self.receiver_ne_m = (north * shrink, east * shrink)
+            T = np.eye(N_ERRORS)
+            T[17, 17] = T[18, 18] = shrink
+            self.note_change(T)
 
 
 def _scatter(n: int, total: Vec3, sq_sum: float) -> float:

@@ -177,6 +177,8 @@ class Propagation:
             scale = np.ones(N_ERRORS)
             scale[ATTITUDE] = np.sqrt(np.minimum(1.0, ends / P.diagonal()[ATTITUDE]))
             eskf.P = P * np.outer(scale, scale)
+            if scale.min() < 1.0:
+                eskf.note_change(np.diag(scale))
         self._alignment.check_orientation()
 
     def _move_frame(self) -> None:

@@ -46,7 +46,7 @@ def turn(eskf: Eskf, yaw_rad: float) -> None:
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     T = np.eye(N_ERRORS)
     T[6:8, 6:8] = [[cosine, -sine], [sine, cosine]]
-    eskf.P = T @ eskf.P @ T.T
+    eskf.transform(T)
 
 
 def head_for(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
@@ -58,12 +58,10 @@ def head_for(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
     var = sigma^2 + var(mu), cov(theta_d, mu) = -var(mu).
     """
     turn(eskf, off_course(eskf, course_rad))
-    P = eskf.P.copy()
-    P[8, :] = P[:, 8] = 0.0
-    row = -P[MOUNT_YAW, :].copy()
-    P[8, :] = P[:, 8] = row
-    P[8, 8] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
-    eskf.P = P
+    T = np.eye(N_ERRORS)
+    T[8, 8], T[8, MOUNT_YAW] = 0.0, -1.0
+    eskf.transform(T)
+    eskf.P[8, 8] += sigma_rad**2
 
 
 def place(eskf: Eskf, yaw_rad: float, sigma_rad: float, *, is_vehicle: bool) -> None:
