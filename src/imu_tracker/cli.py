@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
+from imu_tracker.commands.analysis.smooth import add_smooth
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
@@ -43,6 +44,7 @@ _COMMANDS: Final = (
     add_serve,
     add_record,
     add_replay,
+    add_smooth,
     add_simulate,
     add_plot,
     add_export,

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.error_state.smoothing.smoother import History
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import Learnt
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog

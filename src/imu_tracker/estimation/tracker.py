@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state.estimator import ErrorState
-from imu_tracker.estimation.error_state.smoothing.smoother import History
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import Learnt, Since
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.prediction import Prediction, Turning, predict

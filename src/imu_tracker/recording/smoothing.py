@@ -3,7 +3,8 @@
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
 from imu_tracker.errors import ConfigError
-from imu_tracker.estimation.error_state.smoothing.smoother import History, Smoother
+from imu_tracker.estimation.error_state.smoothing.history import History
+from imu_tracker.estimation.error_state.smoothing.smoother import Smoother
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.replay import Replay

@@ -28,11 +28,12 @@ from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Carrier
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.smoothing.history import Scene
-from imu_tracker.estimation.error_state.smoothing.smoother import History
+from imu_tracker.estimation.error_state.smoothing.entries import Scene
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     GYRO_BIAS,
+    LONGER_SHARE,
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
@@ -66,10 +67,6 @@ begins again at zero, where v times delay is exact."""
 
 LATEST_S: Final = 3.0
 """A fix that lies further from the filter's instant is of no use."""
-
-LONGER_SHARE: Final = 0.2
-"""Orbits and air are wrong for hours, not for the minute of the state for a receiver's
-error, and the filter takes that part for a place: a fifth of that state's variance."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
@@ -121,6 +118,7 @@ class ErrorState:
         self._history = history
         if history is not None:
             history.begin(self._bank.filters)
+            self._fixes.comparison.kept_fixes = history.fixes
         if prior is not None:
             if self._carrier.recall(prior.profile):
                 self._change_profile()
@@ -163,12 +161,18 @@ class ErrorState:
     def _mark(self, history: History) -> None:
         """Let the smoother return to this instant."""
         if history.is_mark_due:
+            odds, is_silent = (
+                self._fixes.comparison.odds,
+                self._propagation.is_imu_silent,
+            )
             scene = Scene(
                 self._propagation.frame,
                 self._fixes.alt_origin_m,
                 self._shift_ns * 1e-9,
                 self._propagation.dark_s,
                 self._alignment.is_aligned,
+                has_imu=not (odds.is_imu_out or is_silent),
+                odds_nats=odds.nats,
             )
             history.mark(self._alignment.filters, scene)
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imu_tracker.estimation.error_state.kalman import predicted, updated
-from imu_tracker.estimation.error_state.smoothing.history import (
+from imu_tracker.estimation.error_state.smoothing.entries import (
     Change,
     Correction,
     Entry,
     Forgetting,
+    Loss,
     Stretch,
 )
 from imu_tracker.estimation.error_state.states import (
@@ -387,6 +388,11 @@ class Eskf:
             self.past = Correction(self.past, self.P, *measured)
         errors, self.P = updated(self.P, *measured)
         self._inject(errors)
+
+    def note_loss(self, measured: Measurement) -> None:
+        """Keep for a smoother how far off it was, before it begins anew."""
+        if self.keeps_history:
+            self.past = Loss(self.past, self.P, *measured)
 
     def _inject(self, x: Array) -> None:
         """Add the errors to the solution."""

@@ -261,8 +261,18 @@ class FixUpdate:
         self.comparison.odds.doubt()
         self._begin_at(fix)
 
+    def _note_loss(self, fix: GpsFix) -> None:
+        """Keep for a smoother how far off the filters were."""
+        if not self._bank.main.keeps_history:
+            return
+        for eskf in self._alignment.filters:
+            is_aligned = self._alignment.is_aligned
+            geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
+            eskf.note_loss(self._position(eskf, fix, geometry, 0.0))
+
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
+        self._note_loss(fix)
         down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.doubt_m = 0.0

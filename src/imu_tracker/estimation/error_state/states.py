@@ -77,6 +77,10 @@ DELAY_DRIFT_PSD: Final = 0.005**2
 RECEIVER_CORRELATION_S: Final = 60.0
 """Air, orbits and reflections change a receiver's error in so long."""
 
+LONGER_SHARE: Final = 0.2
+"""Orbits and air are wrong for hours, not for the minute of the state for a receiver's
+error, and the filter takes that part for a place: a fifth of that state's variance."""
+
 START_SIGMA: Final = (
     (ATTITUDE, 0.2),  # levelled from one second of a moving body: 2 m/s^2 over g
     (GYRO_BIAS, math.radians(3.0)),  # boards at 2 to 4 deg/s are common

@@ -1,10 +1,15 @@
 """The filter with an IMU and the receiver alone, compared on the same fixes."""
 
+from collections import deque
+
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
-from imu_tracker.estimation.error_state.hypotheses.receiver_alone import ReceiverAlone
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
+    KeptFix,
+    ReceiverAlone,
+)
 from imu_tracker.estimation.error_state.platform import Carrier
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
@@ -26,12 +31,15 @@ class Comparison:
     ----------
     alone : ReceiverAlone
     odds : Odds
+    kept_fixes : deque of KeptFix, or None
+        For a smoother.
     """
 
     def __init__(self, carrier: Carrier) -> None:
         self._carrier = carrier
         self.alone = ReceiverAlone(MAX_SPEED_MPS[carrier.profile])
         self.odds = Odds()
+        self.kept_fixes: deque[KeptFix] | None = None
 
     def change_profile(self) -> None:
         """Bound the speed by what the carrier may do now."""
@@ -68,6 +76,13 @@ class Comparison:
         psd = self._carrier.unknown_accel_psd
         was_settled = self.alone.is_settled
         alone = self.alone.update(fix, instant_ns, noise, psd)
+        if self.kept_fixes is not None:
+            self.kept_fixes.append(
+                KeptFix(
+                    *(instant_ns, fix.lat_rad, fix.lon_rad, fix.vel_ne_mps),
+                    *(noise.position_var, noise.velocity_var, noise.lasting_var, psd),
+                )
+            )
         if alone is None or not was_settled or not has_say:
             return Verdict.NONE
         imu = log_likelihood(position.z, eskf.innovation_covariance(position))

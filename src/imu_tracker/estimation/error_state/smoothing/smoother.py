@@ -13,26 +13,13 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final
 
-import numpy as np
-
-from imu_tracker.estimation.error_state.smoothing.history import (
-    Entry,
-    Mark,
-    Scene,
-    nothing_later,
-)
-from imu_tracker.estimation.error_state.states import Array
-from imu_tracker.estimation.estimate import r95_of
+from imu_tracker.estimation.error_state.smoothing.backward import Point, points
+from imu_tracker.estimation.error_state.smoothing.history import History
+from imu_tracker.estimation.error_state.smoothing.receiver import AloneTrack
 from imu_tracker.geometry.geodesy import LocalFrame
-from imu_tracker.geometry.rotation import (
-    from_rotation_vector,
-    multiply,
-    normalise,
-    rotate,
-)
-from imu_tracker.samples import NavState, Quat, Vec3
+from imu_tracker.samples import NavState, Vec3
 
 PIECE_S: Final = 600.0
 OVERLAP_S: Final = 200.0
@@ -42,129 +29,6 @@ to the next one: so many seconds with fixes, in which a filter has learnt all it
 LONGEST_S: Final = 3600.0
 """After so long without fixes rows are given out all the same: what is kept of an hour
 takes some 100 MB."""
-
-MARK_EVERY: Final = 2
-"""Predictions of 0.12 s: a cubic between them is true to a millimetre."""
-
-
-class KeptFilter(Protocol):
-    """What a history needs of a filter."""
-
-    keeps_history: bool
-    past: Entry | None
-    nominal: tuple[int, Vec3, Vec3, Quat]
-    delay_s: float
-    P: Array
-
-
-class History:
-    """Keeps what happens to the filters, until a smoother has seen it."""
-
-    def __init__(self) -> None:
-        self._filters: Sequence[KeptFilter] = ()
-        self._n_predictions = 0
-
-    def begin(self, filters: Sequence[KeptFilter]) -> None:
-        """Have filters keep what happens to them; the first one leads."""
-        self._filters = filters
-        for each in filters:
-            each.keeps_history = True
-
-    @property
-    def is_mark_due(self) -> bool:
-        """Whether the instant should be marked."""
-        self._n_predictions += 1
-        return self._n_predictions % MARK_EVERY == 0
-
-    def mark(self, filters: Sequence[KeptFilter], scene: Scene) -> None:
-        """Mark an instant at which rows may be asked for; the first filter leads."""
-        self._filters = filters
-        for each in filters:
-            each.past = Mark(each.past, each.nominal, each.delay_s, each.P, scene)
-
-    @property
-    def newest(self) -> Entry | None:
-        """End of the history of the filter that leads."""
-        return self._filters[0].past if self._filters else None
-
-    def let_go(self, t_ns: int) -> None:
-        """Drop what happened before an instant."""
-        for each in self._filters:
-            entry = each.past
-            while entry is not None:
-                if isinstance(entry, Mark) and entry.t_ns <= t_ns:
-                    entry.before = None
-                entry = entry.before
-
-
-class Point(NamedTuple):
-    """A smoothed place.
-
-    Attributes
-    ----------
-    t_ns : int
-        On the time scale of the rows.
-    filter_ns : int
-        On that of the samples.
-    lat_rad, lon_rad : float
-        Of the antenna.
-    alt_m : float or None
-    v_n : Vec3, m/s
-    q_nb : Quat
-    r95_m : float
-    dark_s : float
-    """
-
-    t_ns: int
-    filter_ns: int
-    lat_rad: float
-    lon_rad: float
-    alt_m: float | None
-    v_n: Vec3
-    q_nb: Quat
-    r95_m: float
-    dark_s: float
-
-
-def points(newest: Entry | None, lever_arm_m: Vec3) -> list[Point]:
-    """Go back through a history; return its marks smoothed, oldest first."""
-    found = []
-    later, entry = nothing_later(), newest
-    while entry is not None:
-        if isinstance(entry, Mark):
-            found.append(_point(entry, *entry.errors(later), lever_arm_m))
-        else:
-            later = entry.back(later)
-        entry = entry.before
-    found.reverse()
-    return found
-
-
-def _point(mark: Mark, errors: Array, cov: Array, lever_arm_m: Vec3) -> Point:
-    """Add the errors of a mark to its solution."""
-    e = errors.tolist()
-    scene = mark.scene
-    (north, east, down), (vn, ve, vd) = mark.p_n, mark.v_n
-    north, east, down = north + e[0], east + e[1], down + e[2]
-    vn, ve, vd = vn + e[3], ve + e[4], vd + e[5]
-    q_nb = normalise(multiply(from_rotation_vector((e[6], e[7], e[8])), mark.q_nb))
-    if scene.is_aligned and any(lever_arm_m):
-        ln, le, ld = rotate(q_nb, lever_arm_m)
-        north, east, down = north + ln, east + le, down + ld
-    lat, lon = scene.frame.to_lat_lon(north, east)
-    H = np.zeros((2, len(e)))
-    H[0, 0] = H[1, 1] = 1.0
-    if scene.is_aligned:
-        H[0, 11], H[1, 11] = vn, ve
-    delay_s = scene.shift_s + mark.delay_s + (e[11] if scene.is_aligned else 0.0)
-    alt_m = None if scene.alt_origin_m is None else scene.alt_origin_m - down
-    return Point(
-        mark.t_ns - round(delay_s * 1e9),
-        mark.t_ns,
-        *(lat, lon, alt_m, (vn, ve, vd), q_nb),
-        r95_of(H @ cov @ H.T + 0.2 * cov[9:11, 9:11]),
-        scene.dark_s,
-    )
 
 
 class Smoother:
@@ -209,12 +73,20 @@ class Smoother:
     def _smooth(self, found: list[Point], until_ns: float) -> list[NavState]:
         """Take out the rows up to an instant, smoothed."""
         times = [point.t_ns for point in found]
+        alone = None
+        if not all(point.is_imu_right for point in found):
+            alone = AloneTrack(self._history.fixes)
         done = []
         while self._rows and self._rows[0].t_ns <= until_ns:
             row = self._rows.popleft()
             i = bisect_right(times, row.t_ns)
             if 0 < i < len(found):
-                row = _between(found[i - 1], found[i], row)
+                before, after = found[i - 1], found[i]
+                row = _between(before, after, row)
+                if alone is not None and not (
+                    before.is_imu_right and after.is_imu_right
+                ):
+                    row = _by_receiver(alone, before, row)
             done.append(row)
         return done
 
@@ -261,4 +133,15 @@ def _between(before: Point, after: Point, row: NavState) -> NavState:
         v_n_mps=(n0 + s * (n1 - n0), e0 + s * (e1 - e0), d0 + s * (d1 - d0)),
         q_nb=nearest.q_nb,
         r95_m=before.r95_m + s * (after.r95_m - before.r95_m),
+    )
+
+
+def _by_receiver(alone: AloneTrack, before: Point, row: NavState) -> NavState:
+    """Return the row with the place of the receiver alone; height is the filter's."""
+    place = alone.at(before.filter_ns + row.t_ns - before.t_ns)
+    if place is None:
+        return row
+    v_n = (*place.v_ne_mps, row.v_n_mps[2])
+    return row._replace(
+        lat_rad=place.lat_rad, lon_rad=place.lon_rad, v_n_mps=v_n, r95_m=place.r95_m
     )
