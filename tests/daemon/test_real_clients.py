@@ -5,10 +5,14 @@ Each skips where it is not installed (Debian: gpsd gpsd-clients python3-gps chro
 
 import itertools
 import json
+import os
+import pty
 import re
+import select
 import shutil
 import socket
 import subprocess
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -113,11 +117,28 @@ def test_gpxlogger_writes_a_track(served: Served) -> None:
 
 
 @needs("cgps")
-@needs("script")
 def test_cgps_shows_dead_reckoning_and_fused(served: Served) -> None:
-    command = f"TERM=xterm timeout 4 cgps -s 127.0.0.1:{served.ports['gpsd']}"
-    shown = run("script", "-qec", command, "/dev/null")
-    assert "DR FIX" in shown
+    screen, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (40, 120))
+    cgps = subprocess.Popen(
+        ["cgps", "-s", f"127.0.0.1:{served.ports['gpsd']}"],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        env=os.environ | {"TERM": "xterm"},
+    )
+    os.close(terminal)
+    shown = b""
+    try:
+        end = time.monotonic() + 20
+        while b"DR FIX" not in shown and time.monotonic() < end:
+            if select.select([screen], [], [], 1)[0]:
+                shown += os.read(screen, 4096)
+    finally:
+        cgps.kill()
+        cgps.wait(10)
+        os.close(screen)
+    assert b"DR FIX" in shown
 
 
 @pytest.mark.skipif(
