@@ -16,7 +16,8 @@ import tempfile
 from pathlib import Path
 from typing import Final, NamedTuple
 
-ROOT: Final = Path(__file__).parent.parent.parent
+from support.paths import REPOSITORY
+
 CELL: Final = (
     "tests/faults/test_campaign.py::test_the_daemon_survives_and_tells_the_truth"
 )
@@ -45,7 +46,7 @@ PROTECTIONS: Final = (
             "                if has_failed:\n",
             "                if True:\n",
         ),
-        "tests/unit/test_imu_reader.py",
+        "tests/unit/sensors/imu/test_reader.py",
     ),
     Protection(
         *("OSError 121 ends the program", "the reader catches it and opens again"),
@@ -130,7 +131,7 @@ PROTECTIONS: Final = (
             "        if count % FRAME_BYTES:\n            return",
             "        if False:\n            return",
         ),
-        "tests/unit/test_fifo.py",
+        "tests/unit/sensors/imu/test_fifo.py",
     ),
     Protection(
         *("a read of the FIFO that broke off", "then it is emptied"),
@@ -139,12 +140,12 @@ PROTECTIONS: Final = (
             "self._is_in_doubt = True  # until",
             "self._is_in_doubt = False  # until",
         ),
-        "tests/unit/test_fifo.py",
+        "tests/unit/sensors/imu/test_fifo.py",
     ),
     Protection(
         *("frames that are shifted look plausible", "the temperature cannot jump"),
         *("sensors/imu/fifo.py", "if not self._is_aligned(frames):", "if False:"),
-        "tests/unit/test_fifo.py",
+        "tests/unit/sensors/imu/test_fifo.py",
     ),
     Protection(
         *("register writes that are lost", "each is read back"),
@@ -153,12 +154,12 @@ PROTECTIONS: Final = (
             "            self.registers.put(register, value)\n        self._sleep_ms(_GYRO",
             "            self.registers.write(register, value)\n        self._sleep_ms(_GYRO",
         ),
-        "tests/unit/test_mpu6050.py",
+        "tests/unit/sensors/imu/test_mpu6050.py",
     ),
     Protection(
         *("settings that another program left", "a device reset at the start"),
         *("sensors/imu/mpu6050.py", "        self.reset()\n", ""),
-        "tests/unit/test_mpu6050.py",
+        "tests/unit/sensors/imu/test_mpu6050.py",
     ),
     Protection(
         *("an axis that stands", "its counts are compared with those of the others"),
@@ -181,7 +182,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a chip that is 2 % fast", "its clock is fitted to the host's"),
         *("sensors/imu/sample_clock.py", "self._p += gain_p * innovation", "pass"),
-        "tests/unit/test_sample_clock.py",
+        "tests/unit/sensors/imu/test_sample_clock.py",
     ),
     Protection(
         *("an unplugged receiver ends the process", "the port is opened again"),
@@ -216,7 +217,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a sentence cut off, without a checksum", "a checksum is mandatory"),
         *("sensors/gnss/lines.py", "if not start or not star:", "if not start:"),
-        "tests/unit/test_nmea_lines.py",
+        "tests/unit/sensors/gnss/test_lines.py",
     ),
     Protection(
         *("garbage that looks like a sentence", "the checksum is compared"),
@@ -225,7 +226,7 @@ PROTECTIONS: Final = (
             'if digits.upper() not in (b"%02X" % expected, b"%X" % expected):',
             "if False:",
         ),
-        "tests/unit/test_nmea_lines.py",
+        "tests/unit/sensors/gnss/test_lines.py",
     ),
     Protection(
         *("a line without an end fills the memory", "lines end after 255 bytes"),
@@ -234,7 +235,7 @@ PROTECTIONS: Final = (
             "self._tail = whole[-MAX_LINE:]",
             "self._tail = whole",
         ),
-        "tests/unit/test_nmea_lines.py",
+        "tests/unit/sensors/gnss/test_lines.py",
     ),
     Protection(
         *("RMC with status V is read as a fix", "status A alone counts"),
@@ -243,7 +244,7 @@ PROTECTIONS: Final = (
             "has_fix=has_fix_by_status(status, mode),\n        lat_lon_rad=_position(*place),\n        vel",
             "has_fix=True,\n        lat_lon_rad=_position(*place),\n        vel",
         ),
-        "tests/unit/test_nmea_sentences.py",
+        "tests/unit/sensors/gnss/test_sentences.py",
     ),
     Protection(
         *("0 N 0 E reaches the log", "such a place is none"),
@@ -266,7 +267,7 @@ PROTECTIONS: Final = (
             "if epoch.tod_s in self._given:",
             "if False:",
         ),
-        "tests/unit/test_nmea.py",
+        "tests/unit/sensors/gnss/test_epoch_reader.py",
     ),
     Protection(
         *("a wild fix moves the track", "a gate on the innovation"),
@@ -316,7 +317,7 @@ PROTECTIONS: Final = (
             "instant_ns = fix.t_ns - self._latency_ns\n",
             "instant_ns = fix.t_ns\n",
         ),
-        "tests/unit/test_tracker.py",
+        "tests/unit/estimation/test_tracker.py",
     ),
     Protection(
         *(
@@ -329,7 +330,7 @@ PROTECTIONS: Final = (
     Protection(
         *("rows follow a leap second slowly", "r95 grows by what they are dated wrong"),
         *("estimation/tracker.py", "believed.r95_m + way_m,", "believed.r95_m,"),
-        "tests/unit/test_tracker.py",
+        "tests/unit/estimation/test_tracker.py",
     ),
     Protection(
         *(
@@ -341,7 +342,7 @@ PROTECTIONS: Final = (
             "math.nan if last is None else last.temp_degc",
             "math.nan",
         ),
-        "tests/unit/test_memory.py",
+        "tests/unit/estimation/error_state/test_warm_start.py",
     ),
     Protection(
         *("a full queue blocks or is hidden", "refused frames are counted and told"),
@@ -378,7 +379,7 @@ PROTECTIONS: Final = (
             "            os.ftruncate(fd, size)\n",
             "            pass\n",
         ),
-        "tests/unit/test_appendfile.py",
+        "tests/unit/storage/test_append_file.py",
     ),
     Protection(
         *("a state file that is half written", "sync before the rename"),
@@ -388,7 +389,7 @@ PROTECTIONS: Final = (
     Protection(
         *("a system clock that jumps", "only CLOCK_MONOTONIC is read"),
         *("sensors/clock.py", "return time.monotonic_ns()", "return time.time_ns()"),
-        "tests/unit/test_clock.py",
+        "tests/unit/sensors/test_clock.py",
     ),
 )
 
@@ -397,7 +398,7 @@ def fails_without(protection: Protection) -> str:
     """Take it out, run its test; return what ails the check, or "" when it fell."""
     with tempfile.TemporaryDirectory(prefix="without-") as directory:
         source = Path(directory) / "src"
-        shutil.copytree(ROOT / "src", source)
+        shutil.copytree(REPOSITORY / "src", source)
         path = source / "imu_tracker" / protection.file
         text = path.read_text()
         if text.count(protection.text) != 1:
@@ -414,7 +415,7 @@ def fails_without(protection: Protection) -> str:
                 "no:cacheprovider",
                 protection.node,
             ],
-            cwd=ROOT,
+            cwd=REPOSITORY,
             env={**os.environ, "PYTHONPATH": str(source)},
             capture_output=True,
             text=True,

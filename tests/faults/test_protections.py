@@ -2,7 +2,8 @@
 
 import pytest
 
-from faults.protections import PROTECTIONS, ROOT, Protection, fails_without
+from faults.protections import PROTECTIONS, Protection, fails_without
+from support.paths import REPOSITORY
 
 
 @pytest.mark.acceptance
@@ -13,5 +14,7 @@ def test_a_protection_that_is_taken_out_is_missed(protection: Protection) -> Non
 
 @pytest.mark.parametrize("protection", PROTECTIONS, ids=lambda p: p.protection)
 def test_a_protection_is_where_it_is_said_to_be(protection: Protection) -> None:
-    text = (ROOT / "src" / "imu_tracker" / protection.file).read_text(encoding="utf-8")
+    text = (REPOSITORY / "src" / "imu_tracker" / protection.file).read_text(
+        encoding="utf-8"
+    )
     assert text.count(protection.text) == 1
