@@ -13,7 +13,7 @@ from imu_tracker.calibration.counts import CountsModel, parse_mount
 from imu_tracker.errors import ConfigError
 from imu_tracker.estimation.estimate import r95_of
 from imu_tracker.estimation.receiver.utc import UtcClock
-from imu_tracker.estimation.six_state.constraints import no_side_slip
+from imu_tracker.estimation.six_state.constraints import non_holonomic
 from imu_tracker.estimation.six_state.estimator import SixState
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
 from imu_tracker.geometry.geodesy import LocalFrame, radii_m
@@ -205,7 +205,7 @@ def test_whatever_happens_the_filter_keeps_its_head(
 def test_the_vehicle_constraint_is_always_a_measurement(
     yaw: float, v_n: Vec3, sigma: float, rate: float
 ) -> None:
-    z, H, R = no_side_slip(v_n, np.eye(3) * sigma**2, yaw, 0.1, rate)
+    z, H, R = non_holonomic(v_n, np.eye(3) * sigma**2, yaw, 0.1, rate)
     assert R[0, 0] > 0.0
     assert abs(z[0]) <= math.hypot(v_n[0], v_n[1]) + 1e-9
     assert math.isclose((H @ H.T)[0, 0], 1.0)

@@ -3,7 +3,7 @@
 import math
 
 from imu_tracker.estimation.error_state.filter import Eskf, Nominal
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.states import GYRO_BIAS, NoiseLevel
 from imu_tracker.geometry.rotation import IDENTITY, from_euler
 
@@ -14,7 +14,7 @@ class Course:
     """An upright body at 12 m/s, seen each second."""
 
     def __init__(self) -> None:
-        self.carrier = Carrier("auto")
+        self.carrier = Platform("auto")
         self.eskf = Eskf(NoiseLevel(0.1, 0.1), is_vehicle=False)
         self.t_ns = 0
 
@@ -68,7 +68,7 @@ def test_what_turned_in_the_dark_says_nothing_at_its_end() -> None:
 
 def test_a_profile_that_was_given_is_kept() -> None:
     course = Course()
-    course.carrier = Carrier("free")
+    course.carrier = Platform("free")
     course.go(60, turn_radps=0.25)
     assert not course.carrier.take_change()
     assert course.carrier.profile == "free"

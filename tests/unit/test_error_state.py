@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.error_state.constraints import vehicle
-from imu_tracker.estimation.error_state.constraints.schedule import gravity_is_down
+from imu_tracker.estimation.error_state.constraints.schedule import gravity_levelling
 from imu_tracker.estimation.error_state.estimator import ErrorState
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
@@ -127,9 +127,9 @@ def test_the_transition_is_the_derivative_of_the_strapdown(i: int) -> None:
 @pytest.mark.parametrize(
     "measure",
     [
-        lambda e: vehicle.no_side_slip(e, 1.0),
-        lambda e: vehicle.level_road(e, 0.1, 10.0),
-        lambda e: vehicle.unhurried(e, 1.0, 10.0),
+        lambda e: vehicle.non_holonomic(e, 1.0),
+        lambda e: vehicle.road_slope_prior(e, 0.1, 10.0),
+        lambda e: vehicle.longitudinal_accel_prior(e, 1.0, 10.0),
         lambda e: vehicle.rest(e, Rest((0.01, 0.0, 0.0), (0.0, 0.0, -9.8), 2.0), 1.0),
     ],
 )
@@ -145,11 +145,11 @@ def test_each_constraint_measures_what_its_jacobian_says(
 
 
 def test_the_mean_force_tells_of_tilt_and_bias_what_its_jacobian_says() -> None:
-    z, H, _ = gravity_is_down(an_eskf(), 1.0)
+    z, H, _ = gravity_levelling(an_eskf(), 1.0)
     for i in range(N_ERRORS):
         if i == YAW.start:
             continue  # who does not know his heading learns none from this
-        moved = gravity_is_down(shifted(an_eskf(), i, EPSILON), 1.0).z
+        moved = gravity_levelling(shifted(an_eskf(), i, EPSILON), 1.0).z
         assert (z - moved) / EPSILON == pytest.approx(H[:, i], abs=1e-4), i
 
 
@@ -158,7 +158,7 @@ def test_a_car_that_slides_is_believed_to_slide() -> None:
     eskf.P = np.eye(N_ERRORS) * 1e-6
     sliding = eskf.clone(NOISE)
     sliding.nominal = sliding.nominal._replace(v_n=(-9.0, 14.0, 0.0))
-    calm, wild = vehicle.no_side_slip(eskf, 1.0), vehicle.no_side_slip(sliding, 1.0)
+    calm, wild = vehicle.non_holonomic(eskf, 1.0), vehicle.non_holonomic(sliding, 1.0)
     assert abs(wild.z[0]) > 10.0
     assert wild.R[0, 0] >= (wild.z[0] / vehicle.SOFT_GATE) ** 2 * 0.99
     assert calm.R[0, 0] < 1.0
@@ -171,7 +171,7 @@ def test_reversing_is_no_side_slip() -> None:
     for speed in (8.0, -3.0):
         vn, ve, vd = (speed * ahead_n).tolist()
         eskf.nominal = eskf.nominal._replace(v_n=(vn, ve, vd))
-        assert vehicle.no_side_slip(eskf, 1.0).z == pytest.approx([0.0, 0.0], abs=1e-9)
+        assert vehicle.non_holonomic(eskf, 1.0).z == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_front_and_back_can_be_exchanged_without_moving_the_box() -> None:
@@ -189,7 +189,7 @@ def test_the_covariance_stays_symmetric_and_positive() -> None:
         eskf.propagate(a_step(), use_force=True)
         if k % 3 == 2:
             eskf.predict(use_force=True)
-            eskf.apply(vehicle.no_side_slip(eskf, 0.12))
+            eskf.apply(vehicle.non_holonomic(eskf, 0.12))
     assert np.abs(eskf.P - eskf.P.T).max() < 1e-9
     assert np.linalg.eigvalsh(eskf.P).min() > -1e-9
 
@@ -243,7 +243,7 @@ def test_a_receiver_that_proves_worse_takes_back_what_it_gave() -> None:
     eskf = an_eskf()
     eskf.P, eskf.receiver_var = np.diag(np.full(N_ERRORS, 0.1)), 0.25
     before = eskf.P
-    eskf.take_receiver_var(4.0)
+    eskf.set_receiver_var(4.0)
     H = np.zeros(N_ERRORS)
     H[0] = H[17] = 1.0  # a fix sees the sum of position and lasting error
     assert pytest.approx(H @ before @ H) == H @ eskf.P @ H
@@ -253,7 +253,7 @@ def test_a_receiver_that_proves_worse_takes_back_what_it_gave() -> None:
 
     grown = eskf.P
     for variance in (4.0, 3.2, 4.0, 3.2, 4.0):  # no news is no reason to grow again
-        eskf.take_receiver_var(variance)
+        eskf.set_receiver_var(variance)
     assert pytest.approx(grown) == eskf.P
 
 

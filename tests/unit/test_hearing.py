@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.error_state.filter import Eskf, Nominal
-from imu_tracker.estimation.error_state.hearing import along, forward
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY, NoiseLevel
+from imu_tracker.estimation.error_state.wheel_aiding import along, forward
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.geometry.rotation import IDENTITY
 from imu_tracker.pipeline import Pipeline
@@ -58,7 +58,7 @@ def test_wheels_can_be_switched_off_and_change_nothing_where_none_are_heard() ->
     found = []
     for hears in (True, False):
         session = simulate("drive", seed=2, duration_s=150.0)
-        settings = TrackerSettings(profile="vehicle", hears_wheels=hears)
+        settings = TrackerSettings(profile="vehicle", uses_wheels=hears)
         pipeline = Pipeline(session.header, settings)
         hidden = without(session.frames, Source.GPS, 100.0, 140.0)
         rows = [row for frame in hidden for row in pipeline.feed(frame)]

@@ -6,14 +6,16 @@ from collections.abc import Callable
 import pytest
 
 from imu_tracker.motion.preintegration import ImuStep
-from imu_tracker.motion.profile import ProfileJudge
-from imu_tracker.motion.step_detector import Pace
+from imu_tracker.motion.profile import ProfileClassifier
+from imu_tracker.motion.step_detector import StepDetector
 
 DT_S = 0.04
 ZERO = (0.0, 0.0, 0.0)
 
 
-def turns(judge: ProfileJudge, seconds: int, lean_share: float, speed: float) -> None:
+def turns(
+    judge: ProfileClassifier, seconds: int, lean_share: float, speed: float
+) -> None:
     """Go through corners of 3 m/s^2, to the right and to the left, a fix a second."""
     for k in range(seconds):
         across = 3.0 * math.sin(k / 3.0)
@@ -34,20 +36,20 @@ def turns(judge: ProfileJudge, seconds: int, lean_share: float, speed: float) ->
 def test_who_leans_into_turns_is_no_car(
     lean_share: float, speed: float, profile: str
 ) -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     turns(judge, 100, lean_share, speed)
     assert judge.profile == profile
 
 
 def test_nothing_is_said_before_turns_have_shown_it() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     for _ in range(300):
         judge.observe(1.0, 30.0, 0.001, 0.02, is_stepping=False)
     assert judge.profile == "free"
 
 
 def test_a_boat_that_rolls_is_no_car() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     for k in range(200):
         roll_rad = math.radians(6.0) * math.sin(1.7 * k)
         turn_rad = 0.3 * math.sin(k / 20.0)
@@ -56,7 +58,7 @@ def test_a_boat_that_rolls_is_no_car() -> None:
 
 
 def test_who_gets_in_from_the_side_of_the_road_does_not_roll() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     turns(judge, 60, 0.0, 12.0)
     for k in range(40):  # each stop tips the box anew; between them it lies still
         judge.observe(1.0, 0.0, 0.0, 0.0, is_stepping=False)
@@ -66,7 +68,7 @@ def test_who_gets_in_from_the_side_of_the_road_does_not_roll() -> None:
 
 
 def test_nothing_on_wheels_is_as_fast_as_an_aeroplane() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     turns(judge, 100, 0.0, 20.0)
     assert judge.profile == "vehicle"
     judge.observe(1.0, 90.0, 0.0, 0.0, is_stepping=False)
@@ -74,7 +76,7 @@ def test_nothing_on_wheels_is_as_fast_as_an_aeroplane() -> None:
 
 
 def test_steps_make_a_walker_until_he_gets_into_a_car() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     for _ in range(30):
         judge.observe(1.0, 1.4, 0.1, 0.2, is_stepping=True)
     assert judge.profile == "walker"
@@ -83,7 +85,7 @@ def test_steps_make_a_walker_until_he_gets_into_a_car() -> None:
 
 
 def test_a_box_that_went_from_the_car_to_the_bicycle_is_found_out() -> None:
-    judge = ProfileJudge()
+    judge = ProfileClassifier()
     turns(judge, 600, 0.0, 12.0)
     assert judge.profile == "vehicle"
     turns(judge, 300, 1.0, 6.0)
@@ -93,8 +95,8 @@ def test_a_box_that_went_from_the_car_to_the_bicycle_is_found_out() -> None:
 # ------------------------------------------------------------------------- steps
 
 
-def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
-    pace = Pace()
+def seconds_of(force_mps2: Callable[[float], float]) -> StepDetector:
+    pace = StepDetector()
     for k in range(round(20.0 / DT_S)):
         dv_b = (0.0, 0.0, -force_mps2(k * DT_S) * DT_S)
         step = ImuStep(

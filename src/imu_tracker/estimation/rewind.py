@@ -9,7 +9,7 @@ predict from there (the error-state filter does).
 from collections import deque
 from typing import Final, NamedTuple, Protocol
 
-from imu_tracker.estimation.error_state.warm_start import Learnt, Since
+from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import Estimate, Estimator
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.geodesy import LocalFrame
@@ -76,13 +76,13 @@ class Navigator(Protocol):
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""
 
-    def recall(self, since: Since, fix: GpsFix | None) -> None:
+    def recall(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, `since` which that happened.
 
         The first fix, if there is one, is about to be taken.
         """
 
-    def learnt(self) -> Learnt | None:
+    def learnt(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
 
     def take_notices(self) -> list[str]:
@@ -178,10 +178,10 @@ class Rewinding:
         """What was learnt, for people."""
         return self._estimator.report()
 
-    def recall(self, since: Since, fix: GpsFix | None) -> None:
+    def recall(self, since: Downtime, fix: GpsFix | None) -> None:
         """Nothing was remembered."""
 
-    def learnt(self) -> Learnt | None:
+    def learnt(self) -> LearnedParameters | None:
         """Nothing that a next start can begin with."""
         return None
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state.estimator import ErrorState
-from imu_tracker.estimation.error_state.warm_start import Learnt, Since
+from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.receiver.gate import FixOutcome
@@ -78,8 +78,8 @@ class TrackerSettings(NamedTuple):
     gps_date: str = ""
     start: tuple[float, float] | None = None  # latitude, longitude in radians
     start_radius_m: float = 50.0
-    prior: Learnt | None = None  # what an earlier run learnt
-    hears_wheels: bool = True
+    prior: LearnedParameters | None = None  # what an earlier run learnt
+    uses_wheels: bool = True
 
 
 def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
@@ -90,7 +90,7 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
             prior = _later(prior, -latency_s)
         return ErrorState(
             *(settings.profile, settings.lever_arm_m, prior),
-            hears_wheels=settings.hears_wheels,
+            uses_wheels=settings.uses_wheels,
         )
     # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
     from imu_tracker.estimation.six_state.estimator import SixState
@@ -99,7 +99,7 @@ def navigator_of(settings: TrackerSettings, latency_s: float) -> Navigator:
     return Rewinding(SixState(profile, settings.lever_arm_m), profile)
 
 
-def _later(learnt: Learnt, by_s: float) -> Learnt:
+def _later(learnt: LearnedParameters, by_s: float) -> LearnedParameters:
     """Count the latencies from another instant."""
     return learnt._replace(
         latency_s=learnt.latency_s + by_s,
@@ -243,7 +243,7 @@ class Tracker:
             elapsed_s = None
             if utc_s is not None and prior.utc_s is not None:
                 elapsed_s = utc_s - prior.utc_s
-            self._navigator.recall(Since(elapsed_s, warmer_k=None), fix)
+            self._navigator.recall(Downtime(elapsed_s, warmer_k=None), fix)
 
     def _begin(self, t_ns: int) -> None:
         """Rows can be made from now on, with an IMU or without."""
@@ -362,7 +362,7 @@ class Tracker:
         notices, self._notices = self._notices, []
         return notices + self._navigator.take_notices()
 
-    def learnt(self) -> Learnt | None:
+    def learnt(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
         learnt = self._navigator.learnt()
         if learnt is None or not self._is_started:

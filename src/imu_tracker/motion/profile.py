@@ -42,7 +42,7 @@ WALKED_S: Final = 20.0
 _GRAVITY_MPS2: Final = 9.81
 
 
-class ProfileJudge:
+class ProfileClassifier:
     """Collects evidence; says the profile once it is clear, and keeps to it."""
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ MEMORY_S: Final = 3.0
 _HYSTERESIS: Final = 0.5  # of the scatter: what rattles on top of a pace is none
 
 
-class Pace:
+class StepDetector:
     """Follows strength and frequency of the force's coming and going."""
 
     def __init__(self) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.fix_update import FixUpdate
-from imu_tracker.estimation.error_state.fixed_lag import Trail
-from imu_tracker.estimation.error_state.hearing import Hearing
+from imu_tracker.estimation.error_state.fixed_lag import FixedLagBuffer
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.mixture import radius_m
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
@@ -26,7 +25,7 @@ from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     AloneEstimate,
 )
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.states import (
     DELAY,
@@ -40,9 +39,9 @@ from imu_tracker.estimation.error_state.states import (
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
     PARKED_YAW_SIGMA_RAD,
-    Learnt,
+    Downtime,
+    LearnedParameters,
     Place,
-    Since,
     begin_with,
     begin_with_latency,
     grown,
@@ -50,6 +49,7 @@ from imu_tracker.estimation.error_state.warm_start import (
     is_remounted,
     learnt_of,
 )
+from imu_tracker.estimation.error_state.wheel_aiding import WheelAiding
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.geodesy import LocalFrame
@@ -80,9 +80,9 @@ class ErrorState:
     profile : {"auto", "free", "vehicle", "walker"}
     lever_arm_m : Vec3, body axes
         From the chip to the antenna.
-    prior : Learnt, optional
+    prior : LearnedParameters, optional
         What an earlier run learnt; its latency counts from what the tracker assumes.
-    hears_wheels : bool
+    uses_wheels : bool
         Whether an outage's speed is taken from the vibration of the wheels.
     """
 
@@ -92,19 +92,19 @@ class ErrorState:
         self,
         profile: str,
         lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
-        prior: Learnt | None = None,
+        prior: LearnedParameters | None = None,
         *,
-        hears_wheels: bool = True,
+        uses_wheels: bool = True,
     ) -> None:
-        self._hearing = Hearing() if hears_wheels else None
+        self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._lever_arm_m = lever_arm_m
         self._notices: list[str] = []
         self._temp_degc: float | None = None
         self._shift_ns = 0  # fixes describe so much later than the tracker says
         self._prior = prior
-        self._since: tuple[Since, GpsFix | None] | None = None  # to be recalled
+        self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
         level = START_LEVEL if prior is None else known_level(prior.noise_level)
-        self._carrier = Carrier(profile)
+        self._carrier = Platform(profile)
         self._bank = NoiseBank(level, is_vehicle=self._carrier.is_vehicle)
         self._alignment = Alignment(self._bank, self._carrier, self._notify)
         self._propagation = Propagation(self._bank, self._alignment, self._carrier)
@@ -112,7 +112,7 @@ class ErrorState:
             *(lever_arm_m, self._bank, self._alignment, self._carrier),
             *(self._propagation, self._notify),
         )
-        self._trail = Trail()
+        self._trail = FixedLagBuffer()
         if prior is not None:
             if self._carrier.recall(prior.profile):
                 self._change_profile()
@@ -131,8 +131,8 @@ class ErrorState:
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate: its vibration, not its motion."""
-        if self._hearing is not None and self._carrier.is_vehicle:
-            self._hearing.add_sample(sample)
+        if self._wheel_aiding is not None and self._carrier.is_vehicle:
+            self._wheel_aiding.add_sample(sample)
 
     def step(self, step: ImuStep, rest: Rest | None) -> None:
         """Queue a step; the filters follow behind."""
@@ -145,8 +145,8 @@ class ErrorState:
         rests = rest is not None and self._trail.confirms_rest(self._eskf, step)
         self._propagation.take(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if self._hearing is not None and self._carrier.is_vehicle:
-            self._hearing.update(self._bank.filters, self._propagation)
+        if self._wheel_aiding is not None and self._carrier.is_vehicle:
+            self._wheel_aiding.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._recall()
 
@@ -314,7 +314,7 @@ class ErrorState:
         notices, self._notices = self._notices, []
         return notices
 
-    def learnt(self) -> Learnt | None:
+    def learnt(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
         if not self._alignment.is_level or self._since is not None:
             return None
@@ -335,7 +335,7 @@ class ErrorState:
             )
         return learnt._replace(temp_degc=self._temp_degc, place=place)
 
-    def recall(self, since: Since, fix: GpsFix | None) -> None:
+    def recall(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, as soon as down is known."""
         if self._prior is not None:
             self._since = since, fix
@@ -395,7 +395,9 @@ class ErrorState:
             "nis_mean": fixes.nis_mean,
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,
-            "wheels": None if self._hearing is None else self._hearing.report(),
+            "wheels": None
+            if self._wheel_aiding is None
+            else self._wheel_aiding.report(),
             "hypotheses": {
                 "imu": fixes.comparison.odds.imu_weight,
                 "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,

@@ -282,7 +282,7 @@ class Eskf:
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
         self.P = T @ self.P @ T.T
 
-    def take_over(self, other: "Eskf") -> None:
+    def copy_state_from(self, other: "Eskf") -> None:
         """Become another filter, but for the noise level and what it cannot know."""
         delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
         kept, noise = self.P.diagonal(), self.noise
@@ -389,7 +389,7 @@ class Eskf:
         """Standard deviation of an error."""
         return math.sqrt(max(float(self.P[i, i]), 0.0))
 
-    def take_receiver_var(self, variance: float) -> None:
+    def set_receiver_var(self, variance: float) -> None:
         """Let the receiver's lasting error be as large as it is found to be now.
 
         Notes

@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.reorient import forget_gyro_bias
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import (
     ANY_HEIGHT_VAR,
     ANY_SPEED_VAR,
@@ -55,7 +55,7 @@ class FixUpdate:
         From the chip to the antenna.
     bank : NoiseBank
     alignment : Alignment
-    carrier : Carrier
+    carrier : Platform
     propagation : Propagation
     notify : callable
         Takes in words what people want to read of.
@@ -78,7 +78,7 @@ class FixUpdate:
         lever_arm_m: Vec3,
         bank: NoiseBank,
         alignment: Alignment,
-        carrier: Carrier,
+        carrier: Platform,
         propagation: Propagation,
         notify: Callable[[str], None],
     ) -> None:
@@ -126,7 +126,7 @@ class FixUpdate:
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._alignment.filters:
-            each.take_receiver_var(receiver.lasting_var(fix))
+            each.set_receiver_var(receiver.lasting_var(fix))
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
@@ -158,26 +158,27 @@ class FixUpdate:
         self.doubt_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
-        is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
+        is_tracking = is_aligned and self._propagation.outage_s < OUTAGE_AFTER_S
         if is_tracking and self.comparison.odds.has_imu_lead:
-            # The fix as it is, not as it counts: votes would make any receiver shine.
-            S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
+            # Use the single-fix R: the correlation-inflated R
+            # would make every receiver look consistent.
+            S_alone = S - position.R * (1.0 - 1.0 / receiver.correlation_factor)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
             receiver.learn_position(nis_alone)
         main, challenger = (
             self._correct(each, fix, ahead_s) for each in self._bank.filters
         )
-        if self._alignment.agnostic is not None:
-            self._correct(self._alignment.agnostic, fix, ahead_s)
+        if self._alignment.course_free is not None:
+            self._correct(self._alignment.course_free, fix, ahead_s)
         if is_aligned:
             self._alignment.judge(main, challenger, receiver.period_s)
-        self._propagation.dark_s = 0.0
+        self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
 
     def _saves_imu(self, fix: GpsFix) -> bool:
         """Whether it was only a heading that was wrong, by trial or by guess."""
         alignment = self._alignment
-        is_guess = alignment.agnostic is not None
+        is_guess = alignment.course_free is not None
         if not alignment.take_other_heading():
             if not is_guess:
                 return False
@@ -222,7 +223,7 @@ class FixUpdate:
         """Measurement of the position: the same for gate, comparison and update."""
         frame = self._propagation.frame
         position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
-        if not self._alignment.is_aligned or eskf is self._alignment.agnostic:
+        if not self._alignment.is_aligned or eskf is self._alignment.course_free:
             position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
         return position
 
@@ -238,7 +239,7 @@ class FixUpdate:
         velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
         if velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
-            is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
+            is_tracking = is_aligned and propagation.outage_s < OUTAGE_AFTER_S
             is_tracking = is_tracking and self.comparison.odds.has_imu_lead
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity(velocity.z, S - velocity.R)
@@ -263,14 +264,14 @@ class FixUpdate:
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
-        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
+        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.course_free
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.doubt_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
         speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:
             if levelled is not None:
-                eskf.take_over(levelled)
+                eskf.copy_state_from(levelled)
                 eskf.forget_orientation(math.pi, is_vehicle=self._carrier.is_vehicle)
                 eskf.receiver_ne_m = (0.0, 0.0)
             eskf.nominal = eskf.nominal._replace(

@@ -26,7 +26,7 @@ PULLING_OFF_MPS: Final = 0.1
 """A body that rests gains no speed: what a rocking car shows within a second."""
 
 
-class Trail:
+class FixedLagBuffer:
     """Steps that the filter has yet to take, oldest first.
 
     Attributes

@@ -5,8 +5,8 @@ from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.reorient import lean_right
-from imu_tracker.motion.profile import ProfileJudge
-from imu_tracker.motion.step_detector import Pace
+from imu_tracker.motion.profile import ProfileClassifier
+from imu_tracker.motion.step_detector import StepDetector
 from imu_tracker.samples import Quat
 
 UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
@@ -21,7 +21,7 @@ MOST_DRIFT_MPS2: Final = 0.3
 """Speed times the doubt of the gyro's bias: a turn that is none."""
 
 
-class Carrier:
+class Platform:
     """A profile that is given, or that is found from how the body moves.
 
     Parameters
@@ -32,7 +32,7 @@ class Carrier:
     Attributes
     ----------
     profile : {"free", "vehicle", "walker"}
-    pace : Pace
+    pace : StepDetector
         Takes every step of the filters.
     turned_rad : float
         To the right since the start, by the gyro alone: a heading that is found is no
@@ -40,11 +40,11 @@ class Carrier:
     """
 
     def __init__(self, profile: str) -> None:
-        self._judge = ProfileJudge() if profile == "auto" else None
+        self._judge = ProfileClassifier() if profile == "auto" else None
         self.profile = "free" if profile == "auto" else profile
         self.turned_rad = 0.0
         self._seen_ns, self._seen_rad = 0, 0.0
-        self.pace = Pace()
+        self.pace = StepDetector()
 
     @property
     def is_vehicle(self) -> bool:

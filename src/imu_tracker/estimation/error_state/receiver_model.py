@@ -1,8 +1,8 @@
 """What a fix says of the errors, and how far this receiver is to be believed.
 
-The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty votes. The
-lasting part of a receiver's error is a state of the filter; what is left counts once
-a second, at any rate of fixes.
+The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty
+independent measurements. The lasting part of a receiver's error is a state of the
+filter; the rest is white from second to second, at any rate of fixes.
 """
 
 import math
@@ -36,10 +36,10 @@ it, so that no quiet receiver is believed beyond this unless it says so itself."
 ALTITUDE_FACTOR: Final = 2.0
 """Vertical against horizontal error of a receiver: its satellites are all above."""
 
-ALTITUDE_VOTES: Final = 10.0
+ALTITUDE_CORRELATION_S: Final = 10.0
 """Its lasting error has no state: altitudes of so many seconds count as one."""
 
-RESTING_LASTS_S: Final = 30.0
+RESTING_CORRELATION_S: Final = 30.0
 """What is reflected to an antenna that stands changes with the satellites alone: at
 rest the fixes of so long count as one. A parked tracker draws no star."""
 
@@ -53,7 +53,7 @@ VELOCITY_CEILING_MPS: Final = 1.0
 """Error of a Doppler velocity per axis: at best, before it is known, and when a
 receiver differentiates positions; never so large that it counts for nothing."""
 
-VELOCITY_LASTS_S: Final = 4.0
+VELOCITY_CORRELATION_S: Final = 4.0
 """Errors of a Doppler velocity are the satellites' and the filter's, and last so
 long: velocities of so many seconds are one."""
 
@@ -117,15 +117,15 @@ class ReceiverModel:
         self._last_accel_mps2 = 0.0
 
     @property
-    def votes(self) -> float:
+    def correlation_factor(self) -> float:
         """Fixes that count as one: those of a second, or of a rest."""
-        lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
+        lasts_s = RESTING_CORRELATION_S if self.is_resting else 1.0
         return max(1.0, lasts_s / self.period_s)
 
     @property
-    def velocity_votes(self) -> float:
+    def velocity_correlation_factor(self) -> float:
         """Velocities that count as one."""
-        return max(1.0, VELOCITY_LASTS_S / self.period_s)
+        return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
     def observe(self, fix: GpsFix) -> None:
         """Learn how often fixes come, and how their velocity changes."""
@@ -167,7 +167,7 @@ class ReceiverModel:
         """
         lasting_var = max(self.nis_level, 1.0) * fix.sigma_h_m**2
         late_var = (LATE_S * (self.accel_mps2 or 0.0)) ** 2
-        velocity_var = self.velocity_var * self.velocity_votes
+        velocity_var = self.velocity_var * self.velocity_correlation_factor
         return FixNoise(float(position.R[0, 0]), velocity_var, lasting_var, late_var)
 
     def position(
@@ -201,7 +201,9 @@ class ReceiverModel:
         timing = RESOLUTION_M**2 + TIMING_SIGMA_S**2 * (vn * vn + ve * ve)
         # Carried over a time of which the acceleration is not known exactly.
         carried = (0.5 * max(abs(after_s) - 0.05, 0.0) ** 2) ** 2
-        return Measurement(z, H, np.eye(2) * (white * self.votes + timing + carried))
+        return Measurement(
+            z, H, np.eye(2) * (white * self.correlation_factor + timing + carried)
+        )
 
     def velocity(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -223,7 +225,7 @@ class ReceiverModel:
         H[:, VELOCITY] = np.eye(2, 3)
         H[:, VELOCITY_DELAY] = (an, ae)
         smeared_var = VELOCITY_SMEAR_S**2 * (an * an + ae * ae)
-        variance = self.velocity_var * self.velocity_votes + smeared_var
+        variance = self.velocity_var * self.velocity_correlation_factor + smeared_var
         return Measurement(z, H, np.eye(2) * variance)
 
     def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:
@@ -240,8 +242,8 @@ class ReceiverModel:
         H[0, 2] = 1.0
         z = np.array([origin_m - fix.alt_m - eskf.nominal.p_n[2]])
         variance = (ALTITUDE_FACTOR * fix.sigma_h_m) ** 2
-        votes = max(1.0, ALTITUDE_VOTES / self.period_s)
-        return Measurement(z, H, np.eye(1) * variance * votes)
+        factor = max(1.0, ALTITUDE_CORRELATION_S / self.period_s)
+        return Measurement(z, H, np.eye(1) * variance * factor)
 
     def forget_noise(self) -> None:
         """Take the receiver at its word: what was learnt came from a wrong filter."""

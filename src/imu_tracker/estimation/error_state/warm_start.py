@@ -80,7 +80,7 @@ class Place(NamedTuple):
     is_at_rest: bool
 
 
-class Learnt(NamedTuple):
+class LearnedParameters(NamedTuple):
     """What a run learnt, in body axes; sigmas are standard deviations."""
 
     profile: str
@@ -105,20 +105,22 @@ class Learnt(NamedTuple):
     still_levels: Levels = ()
 
 
-class Since(NamedTuple):
+class Downtime(NamedTuple):
     """What happened between two runs; None: nobody knows."""
 
     elapsed_s: float | None
     warmer_k: float | None
 
 
-def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> Learnt:
+def learnt_of(
+    eskf: Eskf, *, profile: str, noise_level: int, shift_s: float
+) -> LearnedParameters:
     """Collect what outlasts a run; `shift_s` is the delay that was folded away."""
     gx, gy, gz = (eskf.sigma(i) for i in range(GYRO_BIAS.start, GYRO_BIAS.stop))
     ax, ay, az = (eskf.sigma(i) for i in range(ACCEL_BIAS.start, ACCEL_BIAS.stop))
     gain = (eskf.sigma(i) for i in range(GYRO_GAIN.start, GYRO_GAIN.stop))
     xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
-    return Learnt(
+    return LearnedParameters(
         profile=profile,
         noise_level=noise_level,
         gyro_bias_radps=eskf.gyro_bias_radps,
@@ -138,7 +140,7 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
     )
 
 
-def grown(learnt: Learnt, since: Since) -> Learnt:
+def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
     """Return the same with the doubts that time and temperature have brought.
 
     Notes
@@ -175,7 +177,7 @@ def grown(learnt: Learnt, since: Since) -> Learnt:
     )
 
 
-def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
+def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -> None:
     """Take over what an earlier run learnt, doubts grown already.
 
     Notes
@@ -211,7 +213,7 @@ def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
         )
 
 
-def begin_with_latency(eskf: Eskf, learnt: Learnt) -> None:
+def begin_with_latency(eskf: Eskf, learnt: LearnedParameters) -> None:
     """Take over the delays, once the instants of the fixes are moved by the first."""
     eskf.velocity_delay_s = learnt.velocity_latency_s - learnt.latency_s
     _set_sigmas(
@@ -233,7 +235,7 @@ def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
     eskf.P = P
 
 
-def is_remounted(learnt: Learnt, level_q: Quat) -> bool:
+def is_remounted(learnt: LearnedParameters, level_q: Quat) -> bool:
     """Whether the vehicle would lie as no road does: gravity against the mounting."""
     if learnt.q_vb is None:
         return False
@@ -241,7 +243,9 @@ def is_remounted(learnt: Learnt, level_q: Quat) -> bool:
     return angle_to_down(rotate(learnt.q_vb, down_b)) > REMOUNTED_RAD
 
 
-def is_parked(learnt: Learnt, since: Since, level_q: Quat, fix: GpsFix | None) -> bool:
+def is_parked(
+    learnt: LearnedParameters, since: Downtime, level_q: Quat, fix: GpsFix | None
+) -> bool:
     """Whether everything looks as it was left: then the heading is known."""
     place = learnt.place
     if place is None or not place.is_at_rest or fix is None:

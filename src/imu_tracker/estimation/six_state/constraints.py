@@ -39,7 +39,7 @@ def rest(v_n: Vec3) -> VelocityMeasurement:
     )
 
 
-def no_side_slip(
+def non_holonomic(
     v_n: Vec3,
     P_v: NDArray[np.float64],
     yaw_rad: float,

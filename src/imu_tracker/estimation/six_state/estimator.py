@@ -57,7 +57,7 @@ CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
 """In the dark the speed's uncertainty stops growing here."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
-_CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_VOTES
+_CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_CORRELATION_FACTOR
 
 
 class SixState:
@@ -95,7 +95,7 @@ class SixState:
         self._alt_origin_m: float | None = None
         self._a_n: Vec3 = (0.0, 0.0, 0.0)
         self._rate_b_radps: Vec3 = (0.0, 0.0, 0.0)
-        self._dark_s = 0.0
+        self._outage_s = 0.0
         self._drift_m = (0.0, 0.0)
         self._constraint_due_s = 0.0
         self._is_resting = False
@@ -110,7 +110,7 @@ class SixState:
         self._kf.x = np.zeros(6)
         any_speed = 0.25 * self._cruise_var
         self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
-        self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
+        self._outage_s, self._drift_m = 0.0, (0.0, 0.0)
         self._monitor.start()
         self._is_started = True
 
@@ -178,7 +178,7 @@ class SixState:
             self._alt_origin_m,
             self._a_n,
             self._rate_b_radps,
-            self._dark_s,
+            self._outage_s,
             self._drift_m,
             self._constraint_due_s,
             self._is_resting,
@@ -199,7 +199,7 @@ class SixState:
             self._alt_origin_m,
             self._a_n,
             self._rate_b_radps,
-            self._dark_s,
+            self._outage_s,
             self._drift_m,
             self._constraint_due_s,
             self._is_resting,
@@ -259,7 +259,7 @@ class SixState:
     def _predict(self, dt: float, can_rotate: bool, clipped_mps: float) -> None:
         """Kalman prediction with the acceleration as input."""
         attitude, P = self._attitude, self._kf.P
-        self._dark_s += dt
+        self._outage_s += dt
         vn, ve, _ = self._kf.v_n
         sigma_yaw = attitude.yaw_sigma_rad
         an = ae = ad = 0.0
@@ -275,7 +275,7 @@ class SixState:
                 + (an * an + ae * ae) * sigma_yaw**2
             )
             # Rest is seen anew all the time.
-            lasted_s = 0.0 if self._is_resting else self._dark_s
+            lasted_s = 0.0 if self._is_resting else self._outage_s
             psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
             psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
             dn, de = self._drift_m
@@ -292,7 +292,7 @@ class SixState:
             self._kf.constrain(constraints.rest(v_n))
         elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
             self._kf.constrain(
-                constraints.no_side_slip(
+                constraints.non_holonomic(
                     v_n,
                     self._kf.P[3:, 3:],
                     attitude.yaw_rad,
@@ -300,7 +300,7 @@ class SixState:
                     self._aiding.rate_down_radps,
                 )
             )
-        if self._dark_s > 3.0:
+        if self._outage_s > 3.0:
             self._move_frame()
 
     # ------------------------------------------------------------- with each fix
@@ -339,18 +339,18 @@ class SixState:
             return FixOutcome.OUTLIER
         self._doubt_m = 0.0
         monitor.observe(fix, innovation, S, nis)
-        votes = max(1.0, 1.0 / monitor.period_s)
+        factor = max(1.0, 1.0 / monitor.period_s)
         parked = 2.0 * PARKED_CORRELATION_S / monitor.period_s
-        weight = parked if self._is_resting else votes
+        weight = parked if self._is_resting else factor
         self._kf.measure(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
         sigma_v = math.hypot(
             VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
         )
         if z_v is not None and not self._is_resting:
-            self._kf.measure_velocity(z_v, sigma_v**2 * votes)
+            self._kf.measure_velocity(z_v, sigma_v**2 * factor)
         self._aid(fix, sigma_v)
-        self._dark_s = 0.0
+        self._outage_s = 0.0
         self._move_frame()
         return FixOutcome.ACCEPTED
 

@@ -11,7 +11,7 @@ from imu_tracker.samples import Vec3
 
 Array = NDArray[np.float64]
 
-CONSTRAINT_VOTES: Final = 5.0
+CONSTRAINT_CORRELATION_FACTOR: Final = 5.0
 """Constraints come at 5 Hz, and their errors last about a second."""
 
 _SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
@@ -87,4 +87,4 @@ class PositionFilter:
         H = np.zeros((len(measured.z), 6))
         H[:, 3:] = measured.H
         z = measured.z + H @ self._kf.x
-        self._kf.update(z, R=measured.R * CONSTRAINT_VOTES, H=H)
+        self._kf.update(z, R=measured.R * CONSTRAINT_CORRELATION_FACTOR, H=H)

@@ -1,9 +1,9 @@
 """Which way is down, which way is north, and how the box sits: the coarse stage.
 
-Course is not heading. The course is taken for the heading of a vehicle as soon as there
-is one, and held against what the accelerations say: beside the filters goes one that
-never believed the course (`agnostic`), and levels the accelerations for the yaw bank.
-Where the bank contradicts, a filter with its heading is tried by likelihood.
+Course is not heading. The course is taken for the heading of a vehicle once there
+is one, and checked against the accelerations: beside the filters runs one that never
+used the course (`course_free`); its attitude levels the accelerations for the yaw bank.
+Where the bank contradicts the heading, a filter with the bank's is tried by likelihood.
 """
 
 import math
@@ -28,7 +28,7 @@ from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
     YawBank,
 )
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.receiver_model import ReceiverModel
 from imu_tracker.estimation.error_state.states import (
     GYRO_BIAS,
@@ -101,7 +101,7 @@ class Alignment:
     ----------
     bank : NoiseBank
         The filters.
-    carrier : Carrier
+    carrier : Platform
     notify : callable
         Told in words what people want to read of.
 
@@ -111,7 +111,7 @@ class Alignment:
         Whether down is known, and north.
     level_q : Quat or None
         Attitude of the box as it was levelled.
-    agnostic : Eskf or None
+    course_free : Eskf or None
         The filter that never took the course for the heading, until the yaw bank has
         confirmed the others.
     is_memory_unproved : bool
@@ -120,7 +120,7 @@ class Alignment:
     """
 
     def __init__(
-        self, bank: NoiseBank, carrier: Carrier, notify: Callable[[str], None]
+        self, bank: NoiseBank, carrier: Platform, notify: Callable[[str], None]
     ) -> None:
         self._bank, self._carrier, self._notify = bank, carrier, notify
         self._yaw_bank = YawBank()
@@ -130,7 +130,7 @@ class Alignment:
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
-        self.agnostic: Eskf | None = None
+        self.course_free: Eskf | None = None
         self.is_memory_unproved = self._is_memory_tried = False
         self._is_memory_fresh = self._is_half_turn_tried = False
         self._with_memory: Eskf | None = None
@@ -143,8 +143,8 @@ class Alignment:
     @property
     def filters(self) -> tuple[Eskf, ...]:
         """All there are: what happens to the body, happens to each."""
-        agnostic = self.agnostic
-        return self._bank.filters + (() if agnostic is None else (agnostic,))
+        course_free = self.course_free
+        return self._bank.filters + (() if course_free is None else (course_free,))
 
     @property
     def _reference(self) -> Eskf:
@@ -153,7 +153,7 @@ class Alignment:
         Until the bank has spoken once, a filter that never took the course for the
         heading: a wrong heading spoils the tilt, and with it the evidence.
         """
-        return self._bank.main if self.agnostic is None else self.agnostic
+        return self._bank.main if self.course_free is None else self.course_free
 
     def can_use_force(self, rest: Rest | None) -> bool:
         """Whether forces can be rotated; at rest any yaw will do."""
@@ -162,7 +162,7 @@ class Alignment:
     def start(self) -> None:
         """Gather the evidence anew; the attitude stays."""
         self._yaw_bank.forget()
-        self.agnostic = None
+        self.course_free = None
         self._waited_s, self._n_contradicted = 0.0, 0
 
     def doubt_course(self) -> None:
@@ -240,7 +240,7 @@ class Alignment:
             self._settle(is_other=True)
             return True
         yaw_rad, sigma_rad = self._yaw_bank.answer()
-        if self.agnostic is not None or not _contradicts(yaw_rad, sigma_rad):
+        if self.course_free is not None or not _contradicts(yaw_rad, sigma_rad):
             return False
         self._bank.challenge_noise()
         self._is_memory_tried = self._is_half_turn_tried = False
@@ -267,7 +267,7 @@ class Alignment:
         elif self._is_half_turn_tried:
             self._notify("the box sits with its x axis backwards")
         self._is_half_turn_tried = False
-        self.agnostic = None
+        self.course_free = None
         self._yaw_bank.forget()
 
     def observe(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
@@ -322,15 +322,15 @@ class Alignment:
         turned_rad = yaw_between(eskf.nominal.q_nb, levelled.nominal.q_nb)
         if not _contradicts(wrap_pi(yaw_rad - turned_rad), sigma_rad):
             self._n_contradicted = 0
-            if sigma_rad < CONVERGED_SIGMA_RAD and self.agnostic is not None:
-                self.agnostic = None
+            if sigma_rad < CONVERGED_SIGMA_RAD and self.course_free is not None:
+                self.course_free = None
                 self._yaw_bank.forget()
             return
         self._n_contradicted += 1
         if self._n_contradicted >= CONTRADICTED_FIXES:
             self._n_contradicted = 0
             candidate = eskf.clone(eskf.noise)
-            candidate.take_over(levelled)
+            candidate.copy_state_from(levelled)
             place(candidate, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
             self._is_memory_tried = False
             self._bank.challenge_heading(candidate)
@@ -359,7 +359,7 @@ class Alignment:
         if _contradicts(wrong_rad, sigma_rad):
             self._take_yaw(yaw_rad, sigma_rad)
             return
-        self.agnostic = main.clone(main.noise)
+        self.course_free = main.clone(main.noise)
         for eskf in self._bank.filters:
             head_for(eskf, course_rad, course_sigma_rad)
         self.is_aligned = True

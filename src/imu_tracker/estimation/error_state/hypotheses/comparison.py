@@ -5,7 +5,7 @@ import numpy as np
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import ReceiverAlone
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
@@ -20,7 +20,7 @@ class Comparison:
 
     Parameters
     ----------
-    carrier : Carrier
+    carrier : Platform
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Comparison:
     odds : Odds
     """
 
-    def __init__(self, carrier: Carrier) -> None:
+    def __init__(self, carrier: Platform) -> None:
         self._carrier = carrier
         self.alone = ReceiverAlone(MAX_SPEED_MPS[carrier.profile])
         self.odds = Odds()

@@ -24,10 +24,10 @@ N_HYPOTHESES: Final = 12
 """30 degrees apart: each filter is linear over the 15 to its border."""
 
 ACCEL_SIGMA_MPS2: Final = 0.3
-ACCEL_LASTS_S: Final = 1.0
+ACCEL_CORRELATION_S: Final = 1.0
 """Error of the acceleration beside that of the levelling: vibration, scale."""
 
-LEVELLING_LASTS_S: Final = 2.0
+LEVELLING_CORRELATION_S: Final = 2.0
 """An error of the levelling turns with the body: white over longer than that."""
 
 CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
@@ -177,7 +177,10 @@ class YawBank:
         x[:, :2] += x[:, 2:4] * dt + R @ dp
         x[:, 2:4] += R @ dv
         x[:, 4] -= (x[:, 5] - bias_radps) * dt
-        psd = ACCEL_SIGMA_MPS2**2 * ACCEL_LASTS_S + LEVELLING_LASTS_S * accel_var
+        psd = (
+            ACCEL_SIGMA_MPS2**2 * ACCEL_CORRELATION_S
+            + LEVELLING_CORRELATION_S * accel_var
+        )
         q = np.diag(
             [psd * dt**3 / 3.0] * 2
             + [psd * dt] * 2

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import soft_1d
@@ -17,7 +17,7 @@ from imu_tracker.samples import ImuSample
 from imu_tracker.wheels.speed import LEAST_SPEED_MPS, SpeedError, WheelSpeed
 
 
-class Hearing:
+class WheelAiding:
     """Learns the wheels of a vehicle, and corrects its speed in outages."""
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Hearing:
             main.nominal.t_ns,
             speed_mps,
             sigma_mps,
-            has_gps=propagation.dark_s < DARK_AFTER_S,
+            has_gps=propagation.outage_s < OUTAGE_AFTER_S,
         )
         if found is not None:
             for eskf in filters:
