@@ -150,9 +150,9 @@ class Pipeline:
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
 
-    def learnt(self) -> LearnedParameters | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next session can begin with; None: nothing, or not yet."""
-        return self._tracker.learnt()
+        return self._tracker.learned_parameters()
 
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""

@@ -328,7 +328,7 @@ PROTECTIONS: Final = (
     ),
     Protection(
         *("rows follow a leap second slowly", "r95 grows by what they are dated wrong"),
-        *("estimation/tracker.py", "believed.r95_m + way_m,", "believed.r95_m,"),
+        *("estimation/tracker.py", "estimate.r95_m + way_m,", "estimate.r95_m,"),
         "tests/unit/test_tracker.py",
     ),
     Protection(

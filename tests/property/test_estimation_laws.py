@@ -186,14 +186,14 @@ def test_whatever_happens_the_filter_keeps_its_head(
         for _ in range(10):
             t_ns += 10_000_000
             scaled = (gyro[0] / 10, gyro[1] / 10, gyro[2] / 10)
-            step = sums.add(ImuSample(t_ns, accel, scaled, 20.0))
+            step = sums.add_sample(ImuSample(t_ns, accel, scaled, 20.0))
             if step is not None:
                 rest = Rest(scaled, (0.0, 0.1, -9.8), 1.0) if what == "rest" else None
                 estimator.propagate(step, rest)
-    believed = estimator.estimate()
-    assert all(map(math.isfinite, (*believed[:2], *believed.v_n_mps, *believed.q_nb)))
-    assert believed.r95_m >= 0.0
-    assert math.isfinite(believed.r95_m)
+    estimate = estimator.estimate()
+    assert all(map(math.isfinite, (*estimate[:2], *estimate.v_n_mps, *estimate.q_nb)))
+    assert estimate.r95_m >= 0.0
+    assert math.isfinite(estimate.r95_m)
     for P in (estimator._kf.P, estimator._attitude.snapshot().P):
         assert np.allclose(P, P.T, rtol=1e-6)
         assert np.linalg.eigvalsh(P).min() > -1e-7 * np.trace(P)
@@ -238,13 +238,13 @@ def test_r95_lies_between_a_line_and_a_circle(
 def test_rows_always_go_forward(epochs: list[tuple[int, int, int]]) -> None:
     # However epochs come (wait, lateness in ms, off by whole seconds), rows grow.
     clock, t_ns, period_ns = UtcClock(200_000_000), 0, 250_000_000
-    clock.observe(200_000_000, 1e9)
-    clock.show()
+    clock.add_epoch(200_000_000, 1e9)
+    clock.start_rows()
     utc_ns = clock.row_utc_ns(0)
     last_ns = clock.row_instant_ns(utc_ns)
     for wait_ms, late_ms, off_s in epochs:
         t_ns += wait_ms * 1_000_000
-        clock.observe(t_ns + late_ms * 1_000_000, 1e9 + t_ns * 1e-9 + off_s)
+        clock.add_epoch(t_ns + late_ms * 1_000_000, 1e9 + t_ns * 1e-9 + off_s)
         utc_ns += period_ns
         clock.slew(period_ns)
         row_ns = clock.row_instant_ns(utc_ns)

@@ -46,7 +46,7 @@ def test_a_slide_is_believed() -> None:
 
 def test_rest_measures_all_of_the_velocity() -> None:
     v_n = (0.1, -0.2, 0.05)
-    measured = constraints.rest(v_n)
+    measured = constraints.zero_velocity(v_n)
     assert measured.z == pytest.approx([-v for v in v_n])
     assert np.array_equal(measured.H, np.eye(3))
     assert np.all(np.diag(measured.R) > 0)

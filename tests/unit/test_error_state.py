@@ -104,9 +104,9 @@ def error_between(a: Nominal, b: Nominal) -> Array:
 @pytest.mark.parametrize("i", [*range(15), *range(GYRO_GAIN.start, GYRO_GAIN.stop)])
 def test_the_transition_is_the_derivative_of_the_strapdown(i: int) -> None:
     eskf, step = an_eskf(), a_step()
-    base = eskf.advanced(eskf.nominal, step, use_force=True)
+    base = eskf.mechanise(eskf.nominal, step, use_force=True)
     other = shifted(eskf, i, EPSILON)
-    moved = other.advanced(other.nominal, step, use_force=True)
+    moved = other.mechanise(other.nominal, step, use_force=True)
     dt = step.dt_s
     f_b = tuple(
         v - b * dt for v, b in zip(step.dv_b_mps, eskf.accel_bias_mps2, strict=True)
@@ -130,7 +130,9 @@ def test_the_transition_is_the_derivative_of_the_strapdown(i: int) -> None:
         lambda e: vehicle.non_holonomic(e, 1.0),
         lambda e: vehicle.road_slope_prior(e, 0.1, 10.0),
         lambda e: vehicle.longitudinal_accel_prior(e, 1.0, 10.0),
-        lambda e: vehicle.rest(e, Rest((0.01, 0.0, 0.0), (0.0, 0.0, -9.8), 2.0), 1.0),
+        lambda e: vehicle.zero_velocity(
+            e, Rest((0.01, 0.0, 0.0), (0.0, 0.0, -9.8), 2.0), 1.0
+        ),
     ],
 )
 def test_each_constraint_measures_what_its_jacobian_says(
@@ -189,7 +191,7 @@ def test_the_covariance_stays_symmetric_and_positive() -> None:
         eskf.propagate(a_step(), use_force=True)
         if k % 3 == 2:
             eskf.predict(use_force=True)
-            eskf.apply(vehicle.non_holonomic(eskf, 0.12))
+            eskf.update(vehicle.non_holonomic(eskf, 0.12))
     assert np.abs(eskf.P - eskf.P.T).max() < 1e-9
     assert np.linalg.eigvalsh(eskf.P).min() > -1e-9
 
@@ -207,14 +209,14 @@ def test_the_bank_finds_any_yaw_from_accelerations(
         for _ in range(10):
             t = k + _ / 10.0
             a = np.array([1.5 * math.sin(t / 3.0), 1.5 * math.cos(t / 4.0)])
-            bank.add(0.1, (a[0] * 0.1, a[1] * 0.1))
+            bank.add_stretch(0.1, (a[0] * 0.1, a[1] * 0.1))
             a_n = R @ a
             p = p + v * 0.1 + 0.005 * a_n
             v = v + 0.1 * a_n
         z_v = v + 0.1 * rng.standard_normal(2) if has_velocity else None
         z_p = p + 0.5 * rng.standard_normal(2)
         bank.update(z_p, 0.5, z_v, 0.1, 0.01, 0.02, (0.0, 1e-8))
-    found, sigma = bank.answer()
+    found, sigma = bank.yaw()
     assert sigma < CONVERGED_SIGMA_RAD
     assert abs((found - yaw + math.pi) % (2 * math.pi) - math.pi) < 3.0 * sigma
 
@@ -228,13 +230,13 @@ def test_a_yaw_that_drifts_is_still_found_by_the_bank() -> None:
             t = k + _ / 10.0
             yaw = 0.7 + drift * t
             a = np.array([1.5 * math.sin(t / 3.0), 1.5 * math.cos(t / 4.0)])
-            bank.add(0.1, (a[0] * 0.1, a[1] * 0.1))
+            bank.add_stretch(0.1, (a[0] * 0.1, a[1] * 0.1))
             cosine, sine = math.cos(yaw), math.sin(yaw)
             a_n = np.array([[cosine, -sine], [sine, cosine]]) @ a
             p = p + v * 0.1 + 0.005 * a_n
             v = v + 0.1 * a_n
         bank.update(p, 0.5, v, 0.1, 0.01, 0.02, (0.0, math.radians(1.0) ** 2))
-    found, sigma = bank.answer()
+    found, sigma = bank.yaw()
     assert sigma < CONVERGED_SIGMA_RAD
     assert abs(found - (0.7 + drift * 80.0)) < max(3.0 * sigma, math.radians(5.0))
 
@@ -270,10 +272,10 @@ def test_nothing_is_felt_in_a_gap() -> None:
 def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
     bank = NoiseBank(1, is_vehicle=True)
     challenger = bank.challenger
-    bank.judge(-100.0, 0.0, 1.0)
+    bank.add_log_likelihoods(-100.0, 0.0, 1.0)
     assert bank.main is not challenger
     for _ in range(math.ceil(EARLY_WIN_NATS / MOST_NATS) + 1):
-        bank.judge(-100.0, 0.0, 1.0)
+        bank.add_log_likelihoods(-100.0, 0.0, 1.0)
     assert bank.level != 1
 
 
@@ -304,7 +306,7 @@ class Ride:
             is_saturated=clipped_turn_rad is not None,
             is_gap=False,
         )
-        self.filter.step(step, None)
+        self.filter.add_step(step, None)
 
     def silence(self, seconds: float) -> None:
         zero = (0.0, 0.0, 0.0)
@@ -316,13 +318,13 @@ class Ride:
                 is_saturated=False,
                 is_gap=True,
             )
-            self.filter.step(step, None)
+            self.filter.add_step(step, None)
 
     def fix(self) -> FixOutcome:
         lat, lon = self.frame.to_lat_lon(self.north, 0.0)
         vel = (self.speed, 0.0) if self.has_velocity else None
         fix = GpsFix(self.t_ns, 0.0, lat, lon, 10.0, vel, 2.0, 1)
-        return self.filter.take(fix, self.t_ns, 20.0 if self.t_ns <= 10**9 else 0.0)
+        return self.filter.update(fix, self.t_ns, 20.0 if self.t_ns <= 10**9 else 0.0)
 
     def go(self, seconds: int, accel: float = 0.0) -> list[FixOutcome]:
         outcomes = []
@@ -336,8 +338,8 @@ class Ride:
         return math.degrees(self.filter._eskf.sigma(i))
 
     def miss_m(self) -> float:
-        believed = self.filter.estimate_after(0.0)
-        north, east = self.frame.to_ne(believed.lat_rad, believed.lon_rad)
+        estimate = self.filter.estimate_after(0.0)
+        north, east = self.frame.to_ne(estimate.lat_rad, estimate.lon_rad)
         return math.hypot(north - self.north, east)
 
 
@@ -539,7 +541,7 @@ def test_an_imu_that_dies_leaves_the_receiver() -> None:
 
 def test_what_was_learnt_is_a_better_start() -> None:
     learnt = plain_drive(seed=4)
-    prior = learnt.pipeline._tracker.learnt()
+    prior = learnt.pipeline._tracker.learned_parameters()
     report = drive(seed=4, until_s=60.0, prior=prior).pipeline.report()
     fresh = drive(seed=4, until_s=60.0).pipeline.report()
     warm_sigma, fresh_sigma = report["mounting_sigma_deg"], fresh["mounting_sigma_deg"]

@@ -36,7 +36,7 @@ def test_a_speed_and_its_sigma_are_those_along_the_track() -> None:
 
 def test_a_measurement_changes_the_speed_and_not_the_course() -> None:
     eskf = moving((12.0, 16.0, 0.0))
-    eskf.apply(forward(eskf, SpeedError(1.5, 0.01), 0.0))
+    eskf.update(forward(eskf, SpeedError(1.5, 0.01), 0.0))
     vn, ve, _ = eskf.nominal.v_n
     assert math.hypot(vn, ve) == pytest.approx(21.5, abs=0.02)
     assert math.atan2(ve, vn) == pytest.approx(math.atan2(16.0, 12.0), abs=1e-6)
@@ -44,13 +44,13 @@ def test_a_measurement_changes_the_speed_and_not_the_course() -> None:
 
 def test_a_filter_that_is_slower_than_the_one_that_was_asked_is_brought_to_it() -> None:
     eskf = moving((18.0, 0.0, 0.0))
-    eskf.apply(forward(eskf, SpeedError(1.0, 0.01), 2.0))  # it was asked at 20 m/s
+    eskf.update(forward(eskf, SpeedError(1.0, 0.01), 2.0))  # it was asked at 20 m/s
     assert eskf.nominal.v_n[0] == pytest.approx(21.0, abs=0.02)
 
 
 def test_an_answer_beyond_three_sigma_counts_for_little() -> None:
     eskf = moving((20.0, 0.0, 0.0), speed_sigma_mps=0.2)
-    eskf.apply(forward(eskf, SpeedError(6.0, 0.01), 0.0))
+    eskf.update(forward(eskf, SpeedError(6.0, 0.01), 0.0))
     assert eskf.nominal.v_n[0] - 20.0 < 0.2
 
 

@@ -42,7 +42,7 @@ def tracked(
 
 @cache
 def learnt() -> LearnedParameters:
-    found = tracked(4)[1].learnt()
+    found = tracked(4)[1].learned_parameters()
     assert found is not None
     return found
 
@@ -103,7 +103,7 @@ def test_what_was_learnt_is_no_poison_when_the_chip_dies_before_the_first_fix() 
         for row in pipeline.feed(Frame(t_ns, source, data)):
             assert math.isfinite(row.lat_rad + row.lon_rad + row.r95_m)
             assert row.r95_m < 1000.0
-    kept = pipeline.learnt()
+    kept = pipeline.learned_parameters()
     assert kept is not None
     assert kept.temp_degc is not None
     assert math.isfinite(kept.temp_degc)

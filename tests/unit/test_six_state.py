@@ -104,9 +104,9 @@ class Journey:
 
     def miss_m(self) -> float:
         """From where the antenna is to where the filter says it is."""
-        believed, truth = self.filter.estimate(), self.fix()
+        estimate, truth = self.filter.estimate(), self.fix()
         here = LocalFrame.at(truth.lat_rad, truth.lon_rad)
-        return math.hypot(*here.to_ne(believed.lat_rad, believed.lon_rad))
+        return math.hypot(*here.to_ne(estimate.lat_rad, estimate.lon_rad))
 
     def covariance(self) -> NDArray[np.float64]:
         return np.array(self.filter._kf.P)

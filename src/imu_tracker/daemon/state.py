@@ -62,7 +62,7 @@ class KeptState:
     def remember(self, pipeline: Pipeline, chip: str) -> None:
         """Hear what a session has learnt by now."""
         if self._file is not None:
-            self._file.remember(pipeline.learnt(), chip)
+            self._file.remember(pipeline.learned_parameters(), chip)
 
     def tick(self, now_ns: int, pipeline: Pipeline, chip: str) -> None:
         """Save from time to time."""

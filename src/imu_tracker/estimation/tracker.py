@@ -48,16 +48,16 @@ START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
 that fix is then taken like any other."""
 
-UNHEARD_OUTCOMES: Final = (
+UNUSABLE_OUTCOMES: Final = (
     FixOutcome.TOO_LATE,
     FixOutcome.UNDATED,
     FixOutcome.FROZEN,
 )
-"""Of these not even the speed is believed."""
+"""Of these not even the speed is used."""
 
 _NO_ROWS: Final[list[NavState]] = []
 
-_SAID_OF_SENSORS: Final = {
+_SENSOR_NOTICES: Final = {
     (True, True): "GPS in use",
     (True, False): "{no_gps}: dead reckoning",
     (False, True): "IMU unavailable: GPS alone",
@@ -126,7 +126,7 @@ class Tracker:
         self._navigator = navigator_of(settings, latency_s)
         self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
         if settings.prior is not None:
-            self._standstill.vibration.recall(settings.prior.still_levels)
+            self._standstill.vibration.load_prior(settings.prior.still_levels)
         self._latency_ns = round(latency_s * 1e9)
         self._utc = UtcClock(self._latency_ns)
         self._period_ns = 1_000_000_000 // settings.rate_hz
@@ -141,7 +141,7 @@ class Tracker:
         self._fix_periods_ns = (1_000_000_000, 1_000_000_000)  # the last two
         self._n_outliers = 0  # in a row
         self._used_ns: int | None = None
-        self._said_sensors = ""
+        self._last_sensor_notice = ""
         self._notices: list[str] = []
 
     # ---------------------------------------------------------------- the events
@@ -155,7 +155,7 @@ class Tracker:
         elif t_ns > self._now_ns:
             self._now_ns = t_ns
         self._navigator.add_sample(sample)
-        step = self._preintegrator.add(sample)
+        step = self._preintegrator.add_sample(sample)
         return rows if step is None else rows + self._on_step(step)
 
     def advance(self, t_ns: int) -> list[NavState]:
@@ -174,9 +174,9 @@ class Tracker:
 
     def on_time(self, time: UtcTime) -> None:
         """Learn UTC from a receiver that does not know the place yet."""
-        self._hear_time(time.t_ns, time.utc_s)
+        self._add_epoch(time.t_ns, time.utc_s)
         if self._settings.start is not None and not self._is_started:
-            self._recall(time.utc_s, None)
+            self._load_prior(time.utc_s, None)
             lat_rad, lon_rad = self._settings.start
             self._navigator.start(
                 lat_rad, lon_rad, self._settings.start_radius_m / R95_PER_SIGMA
@@ -193,19 +193,19 @@ class Tracker:
             if not self._is_started:
                 # A receiver without a fix may have told its own birthday until now.
                 self._utc = UtcClock(self._latency_ns)
-            self._hear_time(fix.t_ns, fix.utc_s)
+            self._add_epoch(fix.t_ns, fix.utc_s)
             told_ns = self._utc.instant_ns(fix.utc_s)
             instant_ns = instant_ns if told_ns is None else min(told_ns, fix.t_ns)
-        outcome = self._take(fix, instant_ns)
+        outcome = self._update(fix, instant_ns)
         self._fixes[outcome] += 1
         self._n_outliers = self._n_outliers + 1 if outcome is FixOutcome.OUTLIER else 0
         is_lone = self._n_outliers == 1  # a wild fix changes nothing
         if (
             fix.vel_ne_mps is not None
-            and outcome not in UNHEARD_OUTCOMES
+            and outcome not in UNUSABLE_OUTCOMES
             and not is_lone
         ):
-            self._standstill.observe_speed(fix.t_ns, math.hypot(*fix.vel_ne_mps))
+            self._standstill.add_speed(fix.t_ns, math.hypot(*fix.vel_ne_mps))
         if self._n_outliers > 1 or outcome is FixOutcome.REACQUIRED:
             veto_ns = max(REST_VETO_NS, REST_VETO_FIXES * min(self._fix_periods_ns))
             self._standstill.veto(self._now_ns + veto_ns)
@@ -215,35 +215,35 @@ class Tracker:
             self._notices.append("position lost; started again from the receiver")
         return outcome
 
-    def _hear_time(self, arrival_ns: int, utc_s: float) -> None:
-        jump_s = self._utc.observe(arrival_ns, utc_s)
+    def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:
+        jump_s = self._utc.add_epoch(arrival_ns, utc_s)
         if jump_s:
             self._notices.append(
                 f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
             )
 
-    def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
+    def _update(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; the first one starts it."""
         # A receiver's buffer may be full of old fixes: until the first row is out,
         # each begins anew.
         is_first = self._row_utc_ns is None or self._is_guess
-        if self._utc.is_in_doubt and not is_first:
+        if self._utc.is_uncertain and not is_first:
             return FixOutcome.UNDATED
         if is_first:
             if not self._is_started:
-                self._recall(fix.utc_s, fix)
+                self._load_prior(fix.utc_s, fix)
             self._begin(instant_ns)
         start_sigma_m = START_FACTOR * fix.sigma_h_m if is_first else 0.0
-        return self._navigator.take(fix, instant_ns, start_sigma_m)
+        return self._navigator.update(fix, instant_ns, start_sigma_m)
 
-    def _recall(self, utc_s: float | None, fix: GpsFix | None) -> None:
+    def _load_prior(self, utc_s: float | None, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, now that the time is known."""
         prior = self._settings.prior
         if prior is not None:
             elapsed_s = None
             if utc_s is not None and prior.utc_s is not None:
                 elapsed_s = utc_s - prior.utc_s
-            self._navigator.recall(Downtime(elapsed_s, warmer_k=None), fix)
+            self._navigator.load_prior(Downtime(elapsed_s, warmer_k=None), fix)
 
     def _begin(self, t_ns: int) -> None:
         """Rows can be made from now on, with an IMU or without."""
@@ -264,10 +264,10 @@ class Tracker:
     def _on_step(self, step: ImuStep) -> list[NavState]:
         navigator = self._navigator
         bias, bias_sigma = navigator.gyro_bias()
-        rest = self._standstill.add(step, bias, bias_sigma, *navigator.speed())
-        navigator.step(step, rest)
+        rest = self._standstill.add_step(step, bias, bias_sigma, *navigator.speed())
+        navigator.add_step(step, rest)
         self._preintegrator.gyro_bias_radps = bias
-        self._turning.add(step, bias)
+        self._turning.add_step(step, bias)
         self._step_ns = step.t_ns
         self._last_step, self._last_rest = step, rest
         return self._due_rows()
@@ -280,7 +280,7 @@ class Tracker:
             settled_ns = utc.settled_ns
             if settled_ns is None or self._now_ns < settled_ns:
                 return _NO_ROWS
-            utc.show()
+            utc.start_rows()
             begin_utc_ns = utc.row_utc_ns(max(self._begin_ns, settled_ns))
             self._row_utc_ns = -(-begin_utc_ns // self._period_ns) * self._period_ns
         rows: list[NavState] = []
@@ -297,20 +297,20 @@ class Tracker:
     def _row(self, row_ns: int, row_utc_ns: int) -> NavState:
         """State at an instant near the end of the last step."""
         assert self._step_ns is not None
-        believed = self._navigator.estimate_after((row_ns - self._step_ns) * 1e-9)
+        estimate = self._navigator.estimate_after((row_ns - self._step_ns) * 1e-9)
         mode = self._mode_at(row_ns)
         # A row that is dated wrong tells where it was then, not at its date.
         misdated_s = self._utc.behind_ns(self._period_ns) * 1e-9
-        way_m = misdated_s * math.hypot(*believed.v_n_mps[:2])
+        way_m = misdated_s * math.hypot(*estimate.v_n_mps[:2])
         return NavState(
             row_ns,
             row_utc_ns * 1e-9,
-            believed.lat_rad,
-            believed.lon_rad,
-            believed.alt_m,
-            believed.v_n_mps,
-            believed.q_nb,
-            believed.r95_m + way_m,
+            estimate.lat_rad,
+            estimate.lon_rad,
+            estimate.alt_m,
+            estimate.v_n_mps,
+            estimate.q_nb,
+            estimate.r95_m + way_m,
             mode,
         )
 
@@ -322,9 +322,9 @@ class Tracker:
         no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
         if self._fix_ns is not None and row_ns - self._fix_ns <= window_ns:
             no_gps = "fixes do not fit"
-        said = _SAID_OF_SENSORS[has_imu, has_gps].format(no_gps=no_gps)
-        if said != self._said_sensors:
-            self._said_sensors = said
+        said = _SENSOR_NOTICES[has_imu, has_gps].format(no_gps=no_gps)
+        if said != self._last_sensor_notice:
+            self._last_sensor_notice = said
             self._notices.append(said)
         if not has_imu or self._navigator.contradicts_receiver:
             return Mode.GPSONLY
@@ -337,12 +337,12 @@ class Tracker:
         if not self._is_started or self._step_ns is None:
             return []
         navigator = self._navigator
-        believed = navigator.estimate_after((self._now_ns - self._step_ns) * 1e-9)
+        estimate = navigator.estimate_after((self._now_ns - self._step_ns) * 1e-9)
         turn_radps = 0.0
         if self._last_rest is None:
-            turn_radps = self._turning.about_down_radps(believed)
+            turn_radps = self._turning.about_down_radps(estimate)
         return predict(
-            believed,
+            estimate,
             navigator.speed()[1],
             turn_radps,
             navigator.profile,
@@ -362,9 +362,9 @@ class Tracker:
         notices, self._notices = self._notices, []
         return notices + self._navigator.take_notices()
 
-    def learnt(self) -> LearnedParameters | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
-        learnt = self._navigator.learnt()
+        learnt = self._navigator.learned_parameters()
         if learnt is None or not self._is_started:
             return None
         return _later(learnt, self._latency_ns * 1e-9)._replace(

@@ -51,7 +51,7 @@ class ProfileClassifier:
         self._rolling_var = 0.0
         self._lean_rad: float | None = None
 
-    def observe(
+    def add_motion(
         self,
         period_s: float,
         speed_mps: float,
@@ -85,14 +85,14 @@ class ProfileClassifier:
             if self.profile == "walker":
                 self.profile = "free"  # he has got in
             if lean_rad is not None:
-                self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
+                self._add_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
         elif is_stepping and WALKING_MPS[0] < speed_mps < WALKING_MPS[1]:
             self._walked_s += period_s
             if self._walked_s > WALKED_S:
                 self._turned = self._leaned = 0.0
                 self.profile = "walker"
 
-    def _see_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
+    def _add_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
         """Compare the lean with what would balance the turn.
 
         Notes

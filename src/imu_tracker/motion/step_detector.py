@@ -36,7 +36,7 @@ class StepDetector:
         is_strong = self._var > STEPPING_MPS2**2
         return is_strong and slowest_hz < self._pace_hz < fastest_hz
 
-    def add(self, step: ImuStep) -> None:
+    def add_step(self, step: ImuStep) -> None:
         """Take the mean force of a step of the filters."""
         if step.is_gap:
             return

@@ -47,7 +47,7 @@ from imu_tracker.estimation.error_state.warm_start import (
     grown,
     is_parked,
     is_remounted,
-    learnt_of,
+    learned_from,
 )
 from imu_tracker.estimation.error_state.wheel_aiding import WheelAiding
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
@@ -104,17 +104,17 @@ class ErrorState:
         self._prior = prior
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
         level = START_LEVEL if prior is None else known_level(prior.noise_level)
-        self._carrier = Platform(profile)
-        self._bank = NoiseBank(level, is_vehicle=self._carrier.is_vehicle)
-        self._alignment = Alignment(self._bank, self._carrier, self._notify)
-        self._propagation = Propagation(self._bank, self._alignment, self._carrier)
+        self._platform = Platform(profile)
+        self._bank = NoiseBank(level, is_vehicle=self._platform.is_vehicle)
+        self._alignment = Alignment(self._bank, self._platform, self._notify)
+        self._propagation = Propagation(self._bank, self._alignment, self._platform)
         self._fixes = FixUpdate(
-            *(lever_arm_m, self._bank, self._alignment, self._carrier),
+            *(lever_arm_m, self._bank, self._alignment, self._platform),
             *(self._propagation, self._notify),
         )
-        self._trail = FixedLagBuffer()
+        self._buffer = FixedLagBuffer()
         if prior is not None:
-            if self._carrier.recall(prior.profile):
+            if self._platform.load_prior(prior.profile):
                 self._change_profile()
             self._shift_ns = round(prior.latency_s * 1e9)
 
@@ -131,31 +131,31 @@ class ErrorState:
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate: its vibration, not its motion."""
-        if self._wheel_aiding is not None and self._carrier.is_vehicle:
+        if self._wheel_aiding is not None and self._platform.is_vehicle:
             self._wheel_aiding.add_sample(sample)
 
-    def step(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Queue a step; the filters follow behind."""
-        self._trail.add(step, rest)
-        for each in self._trail.due():
-            self._advance(*each)
+        self._buffer.add_step(step, rest)
+        for each in self._buffer.due():
+            self._propagate(*each)
 
-    def _advance(self, step: ImuStep, rest: Rest | None) -> None:
-        """Take the oldest step into the filters; rest is believed in hindsight."""
-        rests = rest is not None and self._trail.confirms_rest(self._eskf, step)
-        self._propagation.take(step, rest if rests else None)
+    def _propagate(self, step: ImuStep, rest: Rest | None) -> None:
+        """Take the oldest step into the filters; rest is confirmed in hindsight."""
+        rests = rest is not None and self._buffer.confirms_rest(self._eskf, step)
+        self._propagation.add_step(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if self._wheel_aiding is not None and self._carrier.is_vehicle:
+        if self._wheel_aiding is not None and self._platform.is_vehicle:
             self._wheel_aiding.update(self._bank.filters, self._propagation)
         if self._since is not None:
-            self._recall()
+            self._load_prior()
 
-    def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
+    def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""
         instant_ns += self._shift_ns
-        self._trail.learn_lag(instant_ns)
-        for each in self._trail.until(instant_ns):
-            self._advance(*each)
+        self._buffer.learn_lag(instant_ns)
+        for each in self._buffer.until(instant_ns):
+            self._propagate(*each)
         self._propagation.predict()
         filter_ns = self._eskf.nominal.t_ns
         ahead_s = (instant_ns - filter_ns) * 1e-9 if filter_ns else 0.0
@@ -166,7 +166,7 @@ class ErrorState:
             return FixOutcome.TOO_LATE
         outcome = self._fixes.update(fix, ahead_s)
         if outcome is FixOutcome.REACQUIRED:
-            self._alignment.give_up_memory()
+            self._alignment.discard_prior()
         if outcome is FixOutcome.ACCEPTED:
             self._learn(fix)
         used = outcome in (FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
@@ -177,10 +177,10 @@ class ErrorState:
         self._fold_delay()
         if not self._alignment.is_level:
             return
-        if self._carrier.take_change():
+        if self._platform.adopt_found_profile():
             self._change_profile()
         position_ne = np.array(self._propagation.frame.to_ne(fix.lat_rad, fix.lon_rad))
-        self._alignment.observe(fix, position_ne, self._fixes.receiver)
+        self._alignment.update(fix, position_ne, self._fixes.receiver)
 
     def _fold_delay(self) -> None:
         """Move the instants of the fixes by the delay that was found."""
@@ -194,14 +194,14 @@ class ErrorState:
 
     def _change_profile(self) -> None:
         """Constrain the body as its new profile allows."""
-        is_vehicle = self._carrier.is_vehicle
+        is_vehicle = self._platform.is_vehicle
         self._fixes.change_profile()
-        self._propagation.behaviour.forget_gait()
+        self._propagation.constraints.reset_gait()
         for eskf in self._bank.filters:
             eskf.set_vehicle(is_vehicle=is_vehicle)
             if is_vehicle and self._alignment.is_aligned:
                 mount_along_course(eskf)
-        self._notify(f"profile: {self._carrier.profile}")
+        self._notify(f"profile: {self._platform.profile}")
 
     # -------------------------------------------------------------------- estimates
 
@@ -249,16 +249,16 @@ class ErrorState:
     def _alone_at(self, dt_s: float) -> AloneEstimate:
         """State of the receiver's hypothesis `dt_s` after the last step."""
         after_s = dt_s + self._eskf.delay_s
-        t_ns = self._trail.now_ns + round(after_s * 1e9) + self._shift_ns
+        t_ns = self._buffer.now_ns + round(after_s * 1e9) + self._shift_ns
         return self._fixes.comparison.alone.estimate_at(
-            t_ns, self._carrier.unknown_accel_psd
+            t_ns, self._platform.unknown_accel_psd
         )
 
     def _by_imu(self, dt_s: float) -> Estimate:
         """Predict from the filter's instant to one after the last step."""
         eskf, alignment, fixes = self._eskf, self._alignment, self._fixes
-        t_ns = self._trail.now_ns + round(dt_s * 1e9) + self._shift_ns
-        nominal = self._trail.predict(eskf, t_ns, alignment.can_use_force)
+        t_ns = self._buffer.now_ns + round(dt_s * 1e9) + self._shift_ns
+        nominal = self._buffer.predict(eskf, t_ns, alignment.can_use_force)
         left_s = (t_ns - nominal.t_ns) * 1e-9 if nominal.t_ns else dt_s
         left_s += eskf.delay_s
         (north, east, down), (vn, ve, vd) = nominal.p_n, nominal.v_n
@@ -269,7 +269,7 @@ class ErrorState:
         lat, lon = self._propagation.frame.to_lat_lon(north, east)
         alt = None if fixes.alt_origin_m is None else fixes.alt_origin_m - down
         total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
-        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.doubt_m)
+        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.ambiguity_m)
         return Estimate(
             lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, _LARGEST_RADIUS_M)
         )
@@ -288,7 +288,7 @@ class ErrorState:
     @property
     def profile(self) -> str:
         """The configured profile, or the one that was found."""
-        return self._carrier.profile
+        return self._platform.profile
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
@@ -314,14 +314,14 @@ class ErrorState:
         notices, self._notices = self._notices, []
         return notices
 
-    def learnt(self) -> LearnedParameters | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
         if not self._alignment.is_level or self._since is not None:
             return None
         eskf = self._eskf
-        learnt = learnt_of(
+        learnt = learned_from(
             eskf,
-            profile=self._carrier.profile,
+            profile=self._platform.profile,
             noise_level=self._bank.level,
             shift_s=self._shift_ns * 1e-9,
         )
@@ -335,13 +335,13 @@ class ErrorState:
             )
         return learnt._replace(temp_degc=self._temp_degc, place=place)
 
-    def recall(self, since: Downtime, fix: GpsFix | None) -> None:
+    def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, as soon as down is known."""
         if self._prior is not None:
             self._since = since, fix
-            self._recall()
+            self._load_prior()
 
-    def _recall(self) -> None:
+    def _load_prior(self) -> None:
         level_q = self._alignment.level_q
         if self._prior is None or self._since is None or level_q is None:
             return
@@ -350,19 +350,19 @@ class ErrorState:
         if temps[0] is not None and temps[1] is not None:
             since = since._replace(warmer_k=temps[1] - temps[0])
         prior = grown(self._prior, since)
-        if self._carrier.is_vehicle and is_remounted(prior, level_q):
+        if self._platform.is_vehicle and is_remounted(prior, level_q):
             # Perhaps another box altogether: its biases cannot be told from the tilt.
             self._notify("the box was turned since the last run; learnt anew")
             return
         for eskf in self._bank.filters:
-            begin_with(eskf, prior, takes_mounting=self._carrier.is_vehicle)
+            begin_with(eskf, prior, takes_mounting=self._platform.is_vehicle)
             begin_with_latency(eskf, prior)
         if prior.place is not None and is_parked(prior, since, level_q, fix):
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
-            self._alignment.recall_yaw(yaw_rad, sigma_rad)
+            self._alignment.set_parked_yaw(yaw_rad, sigma_rad)
         is_fresh = since.elapsed_s is not None and abs(since.elapsed_s) < FRESH_S
-        self._alignment.remember(is_fresh=is_fresh)
+        self._alignment.note_prior(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
     def report(self) -> dict[str, object]:
@@ -373,7 +373,7 @@ class ErrorState:
         bias, sigma = self.gyro_bias()
         return {
             "estimator": "error-state",
-            "profile": self._carrier.profile,
+            "profile": self._platform.profile,
             "mounting_deg": [math.degrees(a) for a in (roll, pitch, yaw)],
             "mounting_sigma_deg": [
                 math.degrees(eskf.sigma(i)) for i in (MOUNT_PITCH, MOUNT_YAW)
@@ -391,7 +391,7 @@ class ErrorState:
             "velocity_sigma_mps": math.sqrt(receiver.velocity_var),
             "fix_noise_level": receiver.nis_level,
             "fix_period_s": receiver.period_s,
-            "lag_s": self._trail.lag_ns * 1e-9,
+            "lag_s": self._buffer.lag_ns * 1e-9,
             "nis_mean": fixes.nis_mean,
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,

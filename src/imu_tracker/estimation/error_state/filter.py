@@ -1,7 +1,7 @@
 """A strapdown solution, and the Kalman filter of its errors.
 
 `Eskf` integrates steps (`propagate`), lets the errors grow (`predict`), and folds
-measurements in (`apply`). What is measured, when, and whether it is believed is
+measurements in (`update`). What is measured, when, and whether it is used is
 decided elsewhere.
 """
 
@@ -192,7 +192,7 @@ class Eskf:
 
     # ------------------------------------------------------------------ strapdown
 
-    def advanced(self, start: Nominal, step: ImuStep, *, use_force: bool) -> Nominal:
+    def mechanise(self, start: Nominal, step: ImuStep, *, use_force: bool) -> Nominal:
         """Strapdown over a step; `use_force` unless the yaw is unknown.
 
         Notes
@@ -236,7 +236,7 @@ class Eskf:
     def propagate(self, step: ImuStep, *, use_force: bool) -> None:
         """Move the solution on by a step, and remember what the errors need."""
         start = self.nominal
-        self.nominal = self.advanced(start, step, use_force=use_force)
+        self.nominal = self.mechanise(start, step, use_force=use_force)
         dt = step.dt_s
         self._dt += dt
         if step.is_gap:
@@ -290,7 +290,7 @@ class Eskf:
         self.set_variances(DELAYS, kept[DELAYS])
         self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
 
-    def forget_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
+    def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         tilt_var = max(_DOUBTED_TILT_RAD**2, *self.P.diagonal()[TILT])
@@ -326,11 +326,11 @@ class Eskf:
         north, east = self.receiver_ne_m
         decay = float(F[17, 17])
         self.receiver_ne_m = (north * decay, east * decay)
-        self._see_motion()
+        self._update_means()
         self._dt = self._felt_s = 0.0
         self._dv_n = self._dv_b = self._turn_n = _ZERO
 
-    def _see_motion(self) -> None:
+    def _update_means(self) -> None:
         """Take the means of the stretch."""
         felt_s = self._felt_s
         if felt_s <= 0.0:
@@ -352,7 +352,7 @@ class Eskf:
         S: Array = measured.H @ self.P @ measured.H.T + measured.R
         return S
 
-    def apply(self, measured: Measurement) -> None:
+    def update(self, measured: Measurement) -> None:
         """Fold a measurement into the solution."""
         errors, self.P = updated(self.P, *measured)
         self._inject(errors)

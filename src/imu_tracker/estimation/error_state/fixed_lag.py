@@ -42,7 +42,7 @@ class FixedLagBuffer:
         self.now_ns = 0
         self.lag_ns = LEAST_LAG_NS
 
-    def add(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Let a step wait."""
         self._waiting.append((step, rest))
         self.now_ns = step.t_ns
@@ -102,7 +102,7 @@ class FixedLagBuffer:
         for step, rest in self._waiting:
             if step.t_ns - _length_ns(step) // 2 > t_ns:
                 break
-            nominal = eskf.advanced(nominal, step, use_force=can_use_force(rest))
+            nominal = eskf.mechanise(nominal, step, use_force=can_use_force(rest))
         return nominal
 
 

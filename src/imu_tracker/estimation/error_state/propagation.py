@@ -43,7 +43,7 @@ class Propagation:
     ----------
     bank : NoiseBank
     alignment : Alignment
-    carrier : Platform
+    platform : Platform
 
     Attributes
     ----------
@@ -56,10 +56,10 @@ class Propagation:
     """
 
     def __init__(
-        self, bank: NoiseBank, alignment: Alignment, carrier: Platform
+        self, bank: NoiseBank, alignment: Alignment, platform: Platform
     ) -> None:
-        self._bank, self._alignment, self._carrier = bank, alignment, carrier
-        self._behaviour = MotionConstraints(bank, alignment, carrier)
+        self._bank, self._alignment, self._platform = bank, alignment, platform
+        self._constraints = MotionConstraints(bank, alignment, platform)
         self._stretch_s = self._silent_s = 0.0
         self.frame = LocalFrame.at(0.0, 0.0)
         self.rest: Rest | None = None
@@ -76,9 +76,9 @@ class Propagation:
         return self._silent_s > SILENT_TURN_CORRELATION_S
 
     @property
-    def behaviour(self) -> MotionConstraints:
+    def constraints(self) -> MotionConstraints:
         """What the body is known to do."""
-        return self._behaviour
+        return self._constraints
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
@@ -97,13 +97,13 @@ class Propagation:
 
     # ------------------------------------------------------------------------ steps
 
-    def take(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Take a step into the filters; `rest` when the body stands still."""
         alignment = self._alignment
         self.rest = rest
-        self._carrier.pace.add(step)
+        self._platform.step_detector.add_step(step)
         if not alignment.is_level:
-            alignment.level(step)
+            alignment.add_levelling_step(step)
         use_force = alignment.can_use_force(rest)
         for eskf in self._bank.filters:
             eskf.propagate(step, use_force=use_force)
@@ -116,12 +116,12 @@ class Propagation:
         elif step.is_saturated:
             # A reading that was clipped may be off by as much as it says.
             turned_var = sum(x * x for x in step.dtheta_b_rad)
-            self._doubt(turned_var, sum(x * x for x in step.dv_b_mps))
+            self._inflate(turned_var, sum(x * x for x in step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
             self.predict()
             self.outage_s += self._stretch_s
             if not step.is_gap:
-                self._behaviour.apply(rest, self._stretch_s, self.outage_s)
+                self._constraints.apply(rest, self._stretch_s, self.outage_s)
             if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
                 self._move_frame()
             self._stretch_s = 0.0
@@ -131,16 +131,16 @@ class Propagation:
         if self._stretch_s <= 0.0:
             return
         alignment, rest = self._alignment, self.rest
-        alignment.observe_stretch()
+        alignment.add_stretch()
         _, stretch_s = self._bank.main.stretch
         use_force = alignment.can_use_force(rest)
-        unknown = 0.0 if use_force else self._carrier.unknown_accel_psd
+        unknown = 0.0 if use_force else self._platform.unknown_accel_psd
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
-        self._carrier.turned_rad += self._bank.main.rate_n[2] * stretch_s
+        self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
         if alignment.course_free is not None:
             rests = rest is not None
-            unknown = 0.0 if rests else self._carrier.unknown_accel_psd
+            unknown = 0.0 if rests else self._platform.unknown_accel_psd
             alignment.course_free.predict(use_force=rests, unknown_accel_psd=unknown)
 
     def _inflate_over_imu_gap(self, dt_s: float) -> None:
@@ -151,17 +151,17 @@ class Propagation:
         A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
         2 r^2 T a second once t > T. Without the forces `predict` has let it speed up.
         """
-        carrier = self._carrier
+        platform = self._platform
         lasted_s = min(self._silent_s, SILENT_TURN_CORRELATION_S)
         turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
-        needs_doubt = self._alignment.can_use_force(None)
-        sped_var = carrier.unknown_accel_psd * dt_s if needs_doubt else 0.0
+        needs_inflation = self._alignment.can_use_force(None)
+        sped_var = platform.unknown_accel_psd * dt_s if needs_inflation else 0.0
         if self._silent_s > SILENT_TURN_CORRELATION_S:
-            self._behaviour.forget_gait()
-        most = SILENT_SLOPE_RAD**2 if carrier.is_vehicle else UNKNOWN_ANGLE_VAR
-        self._doubt(turned_var, sped_var, most)
+            self._constraints.reset_gait()
+        most = SILENT_SLOPE_RAD**2 if platform.is_vehicle else UNKNOWN_ANGLE_VAR
+        self._inflate(turned_var, sped_var, most)
 
-    def _doubt(
+    def _inflate(
         self,
         angle_var: float,
         speed_var: float,
@@ -187,7 +187,7 @@ class Propagation:
         lat, lon = self.frame.to_lat_lon(north, east)
         self.frame = LocalFrame.at(lat, lon)
         course_free = self._alignment.course_free
-        self._alignment.moved(north, east)
+        self._alignment.shift_origin(north, east)
         for eskf in self._bank.filters:
             _shift(eskf, -north, -east)
             eskf.gravity_mps2 = gravity_mps2(lat)

@@ -1,4 +1,4 @@
-"""What a fix says of the errors, and how far this receiver is to be believed.
+"""A fix as a measurement of the errors, and the noise of this receiver.
 
 The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty
 independent measurements. The lasting part of a receiver's error is a state of the
@@ -31,7 +31,7 @@ what is new with each second is a third of its sigma."""
 
 BEST_LASTING_SIGMA_M: Final = 0.5
 """Per axis under the best sky without corrections: air and orbits. No scatter shows
-it, so that no quiet receiver is believed beyond this unless it says so itself."""
+it, so that no quiet receiver is trusted beyond this unless it says so itself."""
 
 ALTITUDE_FACTOR: Final = 2.0
 """Vertical against horizontal error of a receiver: its satellites are all above."""
@@ -76,7 +76,7 @@ NOISE_LEARNING_S: Final = 8.0
 
 MIN_NIS_LEVEL: Final = 0.05
 MAX_NIS_LEVEL: Final = 36.0
-"""A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
+"""A receiver's claim of its noise may be wrong by four downwards (HDOP knows
 nothing of the receiver), by six upwards (nor of walls that reflect)."""
 
 _SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
@@ -127,7 +127,7 @@ class ReceiverModel:
         """Velocities that count as one."""
         return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
-    def observe(self, fix: GpsFix) -> None:
+    def add_fix(self, fix: GpsFix) -> None:
         """Learn how often fixes come, and how their velocity changes."""
         if self._fix_ns is not None:
             period_s = (fix.t_ns - self._fix_ns) * 1e-9
@@ -245,17 +245,17 @@ class ReceiverModel:
         factor = max(1.0, ALTITUDE_CORRELATION_S / self.period_s)
         return Measurement(z, H, np.eye(1) * variance * factor)
 
-    def forget_noise(self) -> None:
+    def reset_noise(self) -> None:
         """Take the receiver at its word: what was learnt came from a wrong filter."""
         self.nis_level, self.velocity_var = 1.0, VELOCITY_START_MPS**2
 
-    def learn_position(self, nis: float) -> None:
+    def learn_position_noise(self, nis: float) -> None:
         """Follow how true the receiver's claim is: E[NIS] = 2."""
         forget = min(0.5 * self.period_s / NOISE_LEARNING_S, 0.2)
         level = self.nis_level * (1.0 + forget * (0.5 * min(nis, 25.0) - 1.0))
         self.nis_level = min(max(level, MIN_NIS_LEVEL), MAX_NIS_LEVEL)
 
-    def learn_velocity(self, z: Array, predicted: Array) -> None:
+    def learn_velocity_noise(self, z: Array, predicted: Array) -> None:
         """Follow the scatter of the velocities: E[z z'] = H P H' + R."""
         scatter = 0.5 * float(z @ z - predicted.trace())
         forget = min(self.period_s / LEARNING_S, 0.2)
@@ -276,14 +276,14 @@ def geometry_of(eskf: Eskf, lever_b_m: Vec3, *, has_yaw: bool) -> FixGeometry:
     return FixGeometry(lever, swing)
 
 
-def soft(measured: Measurement, S: Array) -> Measurement:
+def soft_gated(measured: Measurement, S: Array) -> Measurement:
     """A wild velocity weighs little, but never nothing."""
     z, H, R = measured
     nis = float(z @ np.linalg.solve(S, z))
     return measured if nis <= _SOFT_NIS else Measurement(z, H, R * (nis / _SOFT_NIS))
 
 
-def soft_1d(measured: Measurement, S: Array) -> Measurement:
+def soft_gated_1d(measured: Measurement, S: Array) -> Measurement:
     """The same of a single number, beyond 3 sigma."""
     z, H, R = measured
     excess = float(z[0]) ** 2 / _SOFT_NIS - float(S[0, 0])

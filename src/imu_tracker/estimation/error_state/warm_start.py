@@ -1,4 +1,4 @@
-"""What outlasts a run, and how far it is still to be believed at the next start.
+"""What outlasts a run, and its uncertainty at the next start.
 
 A chip has its biases tomorrow as well, and a box sits in its car as it sat. But
 temperature, time and hands move them: each value is kept with its standard deviation,
@@ -112,7 +112,7 @@ class Downtime(NamedTuple):
     warmer_k: float | None
 
 
-def learnt_of(
+def learned_from(
     eskf: Eskf, *, profile: str, noise_level: int, shift_s: float
 ) -> LearnedParameters:
     """Collect what outlasts a run; `shift_s` is the delay that was folded away."""
@@ -182,7 +182,7 @@ def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -
 
     Notes
     -----
-    Biases and scale are measured by the memory, z = learnt - believed, so that what
+    Biases and scale are measured by the memory, z = learnt - estimate, so that what
     the filter has found out since its start, and the tilt that goes with it, keeps its
     weight. The mounting is taken over outright: it may be turned by any angle.
     """
@@ -204,7 +204,7 @@ def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -
         *learnt.accel_bias_sigma_mps2,
         *learnt.gyro_gain_sigma,
     )
-    eskf.apply(Measurement(z, H, np.diag(np.square(sigmas))))
+    eskf.update(Measurement(z, H, np.diag(np.square(sigmas))))
     if takes_mounting and learnt.q_vb is not None:
         eskf.q_vb, eskf.axle_m = learnt.q_vb, learnt.axle_m
         pitch, yaw = learnt.mounting_sigma_rad

@@ -15,7 +15,7 @@ from imu_tracker.samples import GpsFix
 Array = NDArray[np.float64]
 
 MAX_NIS_LEVEL: Final = 9.0
-"""A receiver's own word on its noise is believed to be wrong by three at most; beyond
+"""A receiver's claim of its noise may be wrong by three at most; beyond
 that it is the filter that is wrong."""
 
 MAX_FADING: Final = 4.0
@@ -57,7 +57,7 @@ class InnovationMonitor:
         """Mean squared innovation; 2 when all is as it says."""
         return self._nis_sum / self._n_nis if self._n_nis else None
 
-    def observe_period(self, fix: GpsFix) -> None:
+    def learn_period(self, fix: GpsFix) -> None:
         """Learn how often fixes come."""
         if self._fix_ns is not None:
             period = (fix.t_ns - self._fix_ns) * 1e-9
@@ -65,7 +65,7 @@ class InnovationMonitor:
                 self.period_s += 0.1 * (period - self.period_s)
         self._fix_ns = fix.t_ns
 
-    def observe(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
+    def learn_noise(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
         """Take the innovation of a fix that fits, and its covariance."""
         if self.sigma_h_m == 0.0:
             self.sigma_h_m = fix.sigma_h_m

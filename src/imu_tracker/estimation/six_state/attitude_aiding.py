@@ -158,7 +158,7 @@ class AttitudeAiding:
             self._levelling = (0.0, (0.0, 0.0, 0.0))
             self._attitude.start(total, LEVELLING_SIGMA_RAD)
 
-    def rest(self, rest: Rest, gravity_mps2: float) -> None:
+    def update_from_rest(self, rest: Rest, gravity_mps2: float) -> None:
         """At rest the force is gravity, and the rate is the gyro's bias."""
         attitude = self._attitude
         factor = math.sqrt(_REST_CORRELATION_FACTOR)
@@ -170,7 +170,7 @@ class AttitudeAiding:
         f_n = rotate(attitude.q_nb, (x * kept, y * kept, z * kept))
         attitude.update_level(f_n, (0.0, 0.0), REST_LEVEL_SIGMA_MPS2 * factor)
 
-    def velocity(
+    def update_from_velocity(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, gravity_mps2: float
     ) -> None:
         """Compare the receiver's change of velocity with the IMU's: the tilt."""
@@ -206,7 +206,7 @@ class AttitudeAiding:
         self._distrust = min(max(math.sqrt(square), 1.0), MAX_DISTRUST)
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 
-    def gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
+    def update_from_gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
         """Gravity tells the tilt, slowly: all there is without a receiver.
 
         Of the body's own acceleration only the part that turns it is known: rate
@@ -231,7 +231,7 @@ class AttitudeAiding:
         centripetal = (-rate * v_n[1], rate * v_n[0])
         self._attitude.update_level(f_n, centripetal, GRAVITY_SIGMA_MPS2)
 
-    def course(
+    def update_from_course(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, period_s: float
     ) -> None:
         """Take the course over ground for the heading, when fast enough."""
@@ -255,7 +255,7 @@ class AttitudeAiding:
                 course += math.pi
                 self._n_backwards += speed > REVERSE_MPS
                 if self._n_backwards >= REVERSE_FIXES:
-                    attitude.forget_yaw()
+                    attitude.reset_yaw()
                     course -= math.pi
             else:
                 self._n_backwards = 0

@@ -87,7 +87,7 @@ class SixState:
         self._kf = PositionFilter()
         # Of the whole run, not of an instant: never taken back.
         self._monitor = InnovationMonitor()
-        self._doubt_m = 0.0
+        self._ambiguity_m = 0.0
         # Of an instant: what a snapshot holds.
         self._is_started = False
         self._frame = LocalFrame.at(0.0, 0.0)
@@ -115,7 +115,7 @@ class SixState:
         self._is_started = True
 
     def estimate(self) -> Estimate:
-        """What is believed at the end of the last step."""
+        """The estimate at the end of the last step."""
         north, east, down, vn, ve, vd = self._kf.x.tolist()
         q_nb = self._attitude.q_nb
         if self._lever_arm_m is not None:
@@ -124,7 +124,7 @@ class SixState:
             vn, ve, vd = vn + un, ve + ue, vd + ud
         lat, lon = self._frame.to_lat_lon(north, east)
         alt = None if self._alt_origin_m is None else self._alt_origin_m - down
-        r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._doubt_m)
+        r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._ambiguity_m)
         return Estimate(lat, lon, alt, (vn, ve, vd), q_nb, min(r95, _LARGEST_RADIUS_M))
 
     def _position_cov_m2(self, vn: float, ve: float) -> NDArray[np.float64]:
@@ -228,7 +228,7 @@ class SixState:
         self._is_resting = rest is not None
         clipped_mps = 0.0
         if step.is_gap:
-            attitude.lose(dt)
+            attitude.propagate_gap(dt)
             self._a_n, can_rotate = (0.0, 0.0, 0.0), False
         else:
             # The increment is in body axes at the start of the step: rotate first.
@@ -240,7 +240,7 @@ class SixState:
             attitude.propagate(step)
             if step.is_saturated:
                 # A reading that was clipped may be off by as much as it says.
-                attitude.doubt(math.hypot(tx, ty, tz))
+                attitude.inflate(math.hypot(tx, ty, tz))
                 clipped_mps = math.hypot(*dv_b)
             can_rotate = attitude.is_level
             self._a_n = (dvn / dt, dve / dt, dvd / dt + self._gravity_mps2)
@@ -251,8 +251,8 @@ class SixState:
         if self._constraint_due_s <= 0.0:
             self._constraint_due_s = _CONSTRAINT_PERIOD_S
             if rest is not None:
-                self._aiding.rest(rest, self._gravity_mps2)
-            self._aiding.gravity(self._kf.v_n, self._gravity_mps2)
+                self._aiding.update_from_rest(rest, self._gravity_mps2)
+            self._aiding.update_from_gravity(self._kf.v_n, self._gravity_mps2)
             if self._is_started:
                 self._constrain(rest is not None, can_rotate)
 
@@ -289,9 +289,9 @@ class SixState:
         """Apply what the body cannot do."""
         attitude, v_n = self._attitude, self._kf.v_n
         if is_resting:
-            self._kf.constrain(constraints.rest(v_n))
+            self._kf.update_constraint(constraints.zero_velocity(v_n))
         elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
-            self._kf.constrain(
+            self._kf.update_constraint(
                 constraints.non_holonomic(
                     v_n,
                     self._kf.P[3:, 3:],
@@ -315,7 +315,7 @@ class SixState:
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         monitor = self._monitor
-        monitor.observe_period(fix)
+        monitor.learn_period(fix)
         z, z_v = self._measured_ne(fix, ahead_s)
         # The way travelled under a wrong yaw becomes part of P before it is weighed.
         drift = np.zeros(6)
@@ -335,20 +335,20 @@ class SixState:
                 return FixOutcome.REACQUIRED
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self._doubt_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
+                self._ambiguity_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
             return FixOutcome.OUTLIER
-        self._doubt_m = 0.0
-        monitor.observe(fix, innovation, S, nis)
+        self._ambiguity_m = 0.0
+        monitor.learn_noise(fix, innovation, S, nis)
         factor = max(1.0, 1.0 / monitor.period_s)
         parked = 2.0 * PARKED_CORRELATION_S / monitor.period_s
         weight = parked if self._is_resting else factor
-        self._kf.measure(z, slice(0, 2), variance * weight)
+        self._kf.update(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
         sigma_v = math.hypot(
             VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
         )
         if z_v is not None and not self._is_resting:
-            self._kf.measure_velocity(z_v, sigma_v**2 * factor)
+            self._kf.update_velocity(z_v, sigma_v**2 * factor)
         self._aid(fix, sigma_v)
         self._outage_s = 0.0
         self._move_frame()
@@ -370,24 +370,28 @@ class SixState:
     def _update_altitude(self, fix: GpsFix, variance: float) -> None:
         if fix.alt_m is None:
             # Nothing else holds the vertical channel.
-            self._kf.measure(np.zeros(1), slice(5, 6), 1.0)
+            self._kf.update(np.zeros(1), slice(5, 6), 1.0)
             return
         if self._alt_origin_m is None:
             self._alt_origin_m = fix.alt_m
             self._kf.x = self._kf.x * [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
         z = np.array([self._alt_origin_m - fix.alt_m])
-        self._kf.measure(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
+        self._kf.update(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
 
     def _aid(self, fix: GpsFix, sigma_v: float) -> None:
         """Let the fix correct the attitude."""
         if fix.vel_ne_mps is not None:
-            self._aiding.velocity(fix.vel_ne_mps, sigma_v, self._gravity_mps2)
+            self._aiding.update_from_velocity(
+                fix.vel_ne_mps, sigma_v, self._gravity_mps2
+            )
             if not self._is_resting:
-                self._aiding.course(fix.vel_ne_mps, sigma_v, self._monitor.period_s)
+                self._aiding.update_from_course(
+                    fix.vel_ne_mps, sigma_v, self._monitor.period_s
+                )
         elif not self._is_resting:
             vn, ve = self._kf.x[3:5].tolist()
             _, sigma = self.speed()
-            self._aiding.course((vn, ve), sigma, self._monitor.period_s)
+            self._aiding.update_from_course((vn, ve), sigma, self._monitor.period_s)
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""
@@ -395,7 +399,7 @@ class SixState:
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self._alt_origin_m = alt_m
         self._monitor.start(fix.sigma_h_m)
-        self._doubt_m = 0.0
+        self._ambiguity_m = 0.0
         if fix.vel_ne_mps is not None:
             self._kf.x = np.array([0.0, 0.0, 0.0, *fix.vel_ne_mps, 0.0])
             variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3

@@ -71,18 +71,18 @@ class PositionFilter:
         self._Q_blocks[...] = growth.reshape(2, 2, 1) * np.array(psd)
         self._kf.predict(np.array(a_n_mps2))
 
-    def measure(self, z: Array, states: slice, variance: float) -> None:
+    def update(self, z: Array, states: slice, variance: float) -> None:
         """Measure some states directly."""
         self._kf.update(z, R=np.eye(len(z)) * variance, H=np.eye(6)[states])
 
-    def measure_velocity(self, z: Array, variance: float) -> None:
+    def update_velocity(self, z: Array, variance: float) -> None:
         """Measure the level velocity; a wild one weighs little, but never nothing."""
         innovation = z - self._kf.x[3:5]
         S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
         nis = float(innovation @ np.linalg.solve(S, innovation))
-        self.measure(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
+        self.update(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
 
-    def constrain(self, measured: VelocityMeasurement) -> None:
+    def update_constraint(self, measured: VelocityMeasurement) -> None:
         """Apply what the body cannot do."""
         H = np.zeros((len(measured.z), 6))
         H[:, 3:] = measured.H

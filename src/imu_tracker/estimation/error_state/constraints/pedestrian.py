@@ -47,7 +47,7 @@ class Gait:
         self._speed_square = START_SPEED_MPS**2
         self._learnt_s = 0.0
 
-    def observe(
+    def learn(
         self,
         v_ne_mps: tuple[float, float],
         turned_rad: float,
@@ -79,7 +79,7 @@ class Gait:
         self._own = (a + share * (x - a), b + share * (y - b))
         self._scatter_var += period_s / LEARNING_S * (off_var - self._scatter_var)
 
-    def bounded(self, eskf: Eskf, period_s: float) -> Measurement:
+    def speed_bound(self, eskf: Eskf, period_s: float) -> Measurement:
         """Speed of somebody on foot: 0 = v, as large as it was in the last minutes."""
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
@@ -88,7 +88,7 @@ class Gait:
         variance = max(0.5 * self._speed_square, LEAST_SCATTER_MPS**2)
         return Measurement(z, H, np.eye(2) * factor * variance)
 
-    def goes_on(
+    def continued_velocity(
         self, eskf: Eskf, turned_rad: float, outage_s: float, period_s: float
     ) -> Measurement | None:
         """Velocity of somebody who walks on as he went; None: not known yet.

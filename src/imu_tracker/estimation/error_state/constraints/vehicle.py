@@ -88,10 +88,10 @@ def non_holonomic(eskf: Eskf, period_s: float) -> Measurement:
     lateral_var = factor * (LATERAL_SIGMA_MPS**2 + slip**2)
     vertical_var = factor * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
     R = np.diag([lateral_var, vertical_var])
-    return softened(eskf, Measurement(z, H, R))
+    return soft_gated(eskf, Measurement(z, H, R))
 
 
-def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
+def zero_velocity(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
     """Zero velocity and zero rate: the mean rate of a second is the gyro's bias."""
     H = np.zeros((6, N_ERRORS))
     H[0:3, VELOCITY] = np.eye(3)
@@ -127,7 +127,7 @@ def road_slope_prior(eskf: Eskf, sigma_rad: float, period_s: float) -> Measureme
     H[0, MOUNT_YAW] = -C_vn[1, 2]
     z = np.array([-C_vn[0, 2]])
     factor = max(1.0, SLOPE_CORRELATION_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[factor * sigma_rad**2]])))
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_rad**2]])))
 
 
 def longitudinal_accel_prior(
@@ -149,10 +149,10 @@ def longitudinal_accel_prior(
     H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
     z = np.array([-a_v[0]])
     factor = max(1.0, FORWARD_CORRELATION_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[factor * sigma_mps2**2]])))
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_mps2**2]])))
 
 
-def softened(eskf: Eskf, measured: Measurement) -> Measurement:
+def soft_gated(eskf: Eskf, measured: Measurement) -> Measurement:
     """Inflate R where an innovation lies beyond the soft gate, row by row."""
     z, H, R = measured
     predicted: Array = np.einsum("ij,jk,ik->i", H, eskf.P, H)

@@ -69,20 +69,20 @@ class YawBank:
         self._dp = [0.0, 0.0]
         self.age_s = math.inf  # not begun
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Begin anew with the next fix."""
         self.age_s = math.inf
 
-    def turned(self, yaw_rad: float) -> None:
+    def rotate_yaw(self, yaw_rad: float) -> None:
         """Hear that the attitude was turned."""
         self._x[:, 4] -= yaw_rad
 
-    def moved(self, north_m: float, east_m: float) -> None:
+    def shift_origin(self, north_m: float, east_m: float) -> None:
         """Hear that the origin of positions went so far."""
         self._x[:, 0] -= north_m
         self._x[:, 1] -= east_m
 
-    def add(self, dt_s: float, dv_ne_mps: tuple[float, float]) -> None:
+    def add_stretch(self, dt_s: float, dv_ne_mps: tuple[float, float]) -> None:
         """Sum a stretch of level acceleration."""
         for i in (0, 1):
             self._dp[i] += (self._dv[i] + 0.5 * dv_ne_mps[i]) * dt_s
@@ -136,7 +136,7 @@ class YawBank:
     def _is_worn_out(self) -> bool:
         """Whether all hypotheses have become one."""
         return math.isinf(self.age_s) or (
-            self.age_s > RESPAWN_S and self.answer()[1] < CONVERGED_SIGMA_RAD
+            self.age_s > RESPAWN_S and self.yaw()[1] < CONVERGED_SIGMA_RAD
         )
 
     def _begin(
@@ -210,7 +210,7 @@ class YawBank:
         P = self._P - gain[:, :, None] * self._P[:, None, 5, :]
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
 
-    def answer(self) -> tuple[float, float]:
+    def yaw(self) -> tuple[float, float]:
         """Mean of the yaw and its standard deviation, radians."""
         if math.isinf(self.age_s):
             return 0.0, math.pi
