@@ -42,6 +42,10 @@ class Daemon:
                 file.write(line(self.rows, mode, r95))
                 self.rows += 1
 
+    def append(self, data: bytes) -> None:
+        with self.log.open("ab") as file:
+            file.write(data)
+
     def tell(self, **more: Any) -> None:
         status = {"t_ns": time.monotonic_ns(), "pid": os.getpid(), "fix_age_s": 0}
         new = self.status.with_suffix(".new")

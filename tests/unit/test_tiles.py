@@ -1,6 +1,5 @@
 """Tiles of an .mbtiles file."""
 
-import sqlite3
 from contextlib import closing
 from pathlib import Path
 
@@ -8,21 +7,9 @@ import pytest
 
 from imu_tracker.errors import ConfigError
 from imu_tracker.serve.tiles import Tiles
+from mbtiles import mbtiles
 
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-def mbtiles(path: Path, *tiles: tuple[int, int, int, bytes]) -> Path:
-    with closing(sqlite3.connect(path)) as db:
-        db.execute("CREATE TABLE metadata (name text, value text)")
-        db.execute(
-            "CREATE TABLE tiles (zoom_level integer, tile_column integer, "
-            "tile_row integer, tile_data blob)"
-        )
-        db.execute("INSERT INTO metadata VALUES ('attribution', '(c) somebody')")
-        db.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", tiles)
-        db.commit()
-    return path
 
 
 def test_rows_are_counted_from_the_north(tmp_path: Path) -> None:
