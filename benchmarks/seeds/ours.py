@@ -19,7 +19,8 @@ from benchmarks.seeds.samples import (
     NOISE_SIGMA_RAD,
     Samples,
 )
-from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import N_ERRORS, NoiseLevel
 from imu_tracker.estimation.six_state.position_filter import PositionFilter
 from imu_tracker.geometry.rotation import (

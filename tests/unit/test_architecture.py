@@ -212,7 +212,6 @@ MAX_LINES = 300
 LONGER = {
     "estimation.error_state.hypotheses.alignment",
     "estimation.error_state.estimator",
-    "estimation.error_state.filter",
     "estimation.six_state.estimator",
     "estimation.tracker",
     "recording.files",

@@ -2,7 +2,8 @@
 
 import math
 
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.states import GYRO_BIAS, NoiseLevel
 from imu_tracker.geometry.rotation import IDENTITY, from_euler

@@ -15,7 +15,7 @@ import pytest
 from imu_tracker.estimation.error_state.constraints import vehicle
 from imu_tracker.estimation.error_state.constraints.schedule import gravity_levelling
 from imu_tracker.estimation.error_state.estimator import ErrorState
-from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
     EARLY_WIN_NATS,
     MOST_NATS,
@@ -25,6 +25,7 @@ from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
     YawBank,
 )
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import (
     GYRO_GAIN,
     N_ERRORS,

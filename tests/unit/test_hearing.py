@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.constraints.wheel_aiding import along, forward
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY, NoiseLevel
-from imu_tracker.estimation.error_state.wheel_aiding import along, forward
 from imu_tracker.estimation.tracker import TrackerSettings
 from imu_tracker.geometry.rotation import IDENTITY
 from imu_tracker.pipeline import Pipeline

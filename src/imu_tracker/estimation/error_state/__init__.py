@@ -7,6 +7,7 @@ was learnt. Not here: the order of events and output times (`Tracker`).
 __all__ = [
     "estimator",
     "filter",
+    "mechanisation",
     "platform",
     "receiver_model",
     "states",

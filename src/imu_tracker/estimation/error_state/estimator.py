@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from imu_tracker.estimation.error_state.constraints.wheel_aiding import WheelAiding
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.fix_update import FixUpdate
 from imu_tracker.estimation.error_state.fixed_lag import FixedLagBuffer
@@ -49,7 +50,6 @@ from imu_tracker.estimation.error_state.warm_start import (
     is_remounted,
     learned_from,
 )
-from imu_tracker.estimation.error_state.wheel_aiding import WheelAiding
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.geodesy import LocalFrame

@@ -10,7 +10,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest

@@ -6,9 +6,10 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.error_state.constraints.schedule import MotionConstraints
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.states import (
     ATTITUDE,

@@ -11,7 +11,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.filter import Eskf, GyroGain, Measurement
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.mechanisation import GyroGain
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_DRIFT_PSD,
