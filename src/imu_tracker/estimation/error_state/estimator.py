@@ -16,14 +16,11 @@ from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.fix_update import FixUpdate
 from imu_tracker.estimation.error_state.fixed_lag import FixedLagBuffer
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
-from imu_tracker.estimation.error_state.hypotheses.mixture import radius_m
+from imu_tracker.estimation.error_state.hypotheses.combined import Combined
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
     START_LEVEL,
     NoiseBank,
     known_level,
-)
-from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
-    AloneEstimate,
 )
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Platform
@@ -33,27 +30,22 @@ from imu_tracker.estimation.error_state.states import (
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
-    N_ERRORS,
-    RECEIVER,
-    Array,
 )
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
     PARKED_YAW_SIGMA_RAD,
     Downtime,
     LearnedParameters,
-    Place,
     begin_with,
-    begin_with_latency,
     grown,
     is_parked,
     is_remounted,
     learned_from,
+    place_of,
 )
-from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.receiver.gate import FixOutcome
-from imu_tracker.geometry.geodesy import LocalFrame
-from imu_tracker.geometry.rotation import rotate, to_euler
+from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, ImuSample, Vec3
@@ -64,12 +56,6 @@ begins again at zero, where v times delay is exact."""
 
 LATEST_S: Final = 3.0
 """A fix that lies further from the filter's instant is of no use."""
-
-LONGER_SHARE: Final = 0.2
-"""Orbits and air are wrong for hours, not for the minute of the state for a receiver's
-error, and the filter takes that part for a place: a fifth of that state's variance."""
-
-_LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
 
 class ErrorState:
@@ -97,10 +83,8 @@ class ErrorState:
         uses_wheels: bool = True,
     ) -> None:
         self._wheel_aiding = WheelAiding() if uses_wheels else None
-        self._lever_arm_m = lever_arm_m
         self._notices: list[str] = []
         self._temp_degc: float | None = None
-        self._shift_ns = 0  # fixes describe so much later than the tracker says
         self._prior = prior
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
         level = START_LEVEL if prior is None else known_level(prior.noise_level)
@@ -113,10 +97,14 @@ class ErrorState:
             *(self._propagation, self._notify),
         )
         self._buffer = FixedLagBuffer()
+        self._output = Combined(
+            *(lever_arm_m, self._bank, self._alignment, self._platform),
+            *(self._propagation, self._fixes, self._buffer),
+        )
         if prior is not None:
             if self._platform.load_prior(prior.profile):
                 self._change_profile()
-            self._shift_ns = round(prior.latency_s * 1e9)
+            self._buffer.shift_ns = round(prior.latency_s * 1e9)
 
     @property
     def _eskf(self) -> Eskf:
@@ -152,7 +140,7 @@ class ErrorState:
 
     def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""
-        instant_ns += self._shift_ns
+        instant_ns += self._buffer.shift_ns
         self._buffer.learn_lag(instant_ns)
         for each in self._buffer.until(instant_ns):
             self._propagate(*each)
@@ -187,7 +175,7 @@ class ErrorState:
         delay_s = self._eskf.delay_s
         if abs(delay_s) < FOLD_S or not self._alignment.is_aligned:
             return
-        self._shift_ns += round(delay_s * 1e9)
+        self._buffer.shift_ns += round(delay_s * 1e9)
         for each in self._bank.filters:
             each.delay_s -= delay_s
             each.velocity_delay_s -= delay_s
@@ -211,92 +199,17 @@ class ErrorState:
         return self._fixes.comparison.odds.is_imu_out
 
     @property
-    def _has_imu_lead(self) -> bool:
-        fixes = self._fixes
-        is_silent = self._propagation.is_imu_silent
-        return not fixes.comparison.alone.is_running or (
-            fixes.comparison.odds.has_imu_lead and not is_silent
-        )
-
-    def estimate_after(self, dt_s: float) -> Estimate:
-        """Place of the leading hypothesis, and the radius that holds both."""
-        imu, alone = self._by_imu(dt_s), self._by_receiver(dt_s)
-        if alone is None:
-            return imu
-        here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
-        apart_m = math.hypot(*here.to_ne(alone.lat_rad, alone.lon_rad))
-        is_silent = self._propagation.is_imu_silent
-        weight = 0.0 if is_silent else self._fixes.comparison.odds.imu_weight
-        leader, other, share = imu, alone, weight
-        if not self._has_imu_lead:
-            leader, other, share = alone, imu, 1.0 - weight
-        r95 = radius_m(
-            [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
-        )
-        return leader._replace(r95_m=min(r95, _LARGEST_RADIUS_M))
-
-    def _by_receiver(self, dt_s: float) -> Estimate | None:
-        """Estimate without an IMU; height and attitude are the filter's."""
-        if not self._fixes.comparison.alone.is_running:
-            return None
-        eskf, at = self._eskf, self._alone_at(dt_s)
-        alt_origin_m = self._fixes.alt_origin_m
-        alt_m = None if alt_origin_m is None else alt_origin_m - eskf.nominal.p_n[2]
-        r95 = R95_PER_SIGMA * math.sqrt(at.position_var_m2)
-        v_n = (*at.v_ne_mps, eskf.nominal.v_n[2])
-        return Estimate(at.lat_rad, at.lon_rad, alt_m, v_n, eskf.nominal.q_nb, r95)
-
-    def _alone_at(self, dt_s: float) -> AloneEstimate:
-        """State of the receiver's hypothesis `dt_s` after the last step."""
-        after_s = dt_s + self._eskf.delay_s
-        t_ns = self._buffer.now_ns + round(after_s * 1e9) + self._shift_ns
-        return self._fixes.comparison.alone.estimate_at(
-            t_ns, self._platform.unknown_accel_psd
-        )
-
-    def _by_imu(self, dt_s: float) -> Estimate:
-        """Predict from the filter's instant to one after the last step."""
-        eskf, alignment, fixes = self._eskf, self._alignment, self._fixes
-        t_ns = self._buffer.now_ns + round(dt_s * 1e9) + self._shift_ns
-        nominal = self._buffer.predict(eskf, t_ns, alignment.can_use_force)
-        left_s = (t_ns - nominal.t_ns) * 1e-9 if nominal.t_ns else dt_s
-        left_s += eskf.delay_s
-        (north, east, down), (vn, ve, vd) = nominal.p_n, nominal.v_n
-        north, east, down = north + vn * left_s, east + ve * left_s, down + vd * left_s
-        if alignment.is_aligned and any(self._lever_arm_m):
-            ln, le, ld = rotate(nominal.q_nb, self._lever_arm_m)
-            north, east, down = north + ln, east + le, down + ld
-        lat, lon = self._propagation.frame.to_lat_lon(north, east)
-        alt = None if fixes.alt_origin_m is None else fixes.alt_origin_m - down
-        total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
-        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.ambiguity_m)
-        return Estimate(
-            lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, _LARGEST_RADIUS_M)
-        )
-
-    def _position_cov_m2(self, vn: float, ve: float, after_s: float) -> Array:
-        """Covariance of p + v delay, carried over the time since the filter's."""
-        P = self._eskf.P
-        H = np.zeros((2, N_ERRORS))
-        H[0, 0] = H[1, 1] = 1.0
-        H[0, 3] = H[1, 4] = after_s
-        if self._alignment.is_aligned:  # before, velocity itself follows the fixes
-            H[0, DELAY], H[1, DELAY] = vn, ve
-        cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
-        return cov
-
-    @property
     def profile(self) -> str:
         """The configured profile, or the one that was found."""
         return self._platform.profile
 
+    def estimate_after(self, dt_s: float) -> Estimate:
+        """Estimate `dt_s` after the end of the last step."""
+        return self._output.estimate_after(dt_s)
+
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
-        if not self._has_imu_lead:
-            alone = self._alone_at(0.0)
-            return math.hypot(*alone.v_ne_mps), math.sqrt(alone.velocity_var)
-        vn, ve, _ = self._eskf.nominal.v_n
-        return math.hypot(vn, ve), max(self._eskf.sigma(3), self._eskf.sigma(4))
+        return self._output.speed()
 
     def gyro_bias(self) -> tuple[Vec3, float]:
         """Gyro bias in rad/s, body axes, and its standard deviation per axis."""
@@ -323,16 +236,12 @@ class ErrorState:
             eskf,
             profile=self._platform.profile,
             noise_level=self._bank.level,
-            shift_s=self._shift_ns * 1e-9,
+            shift_s=self._buffer.shift_ns * 1e-9,
         )
         place = None
         if self._alignment.is_aligned:
-            lat, lon = self._propagation.frame.to_lat_lon(*eskf.nominal.p_n[:2])
-            place = Place(
-                *(lat, lon, math.hypot(eskf.sigma(0), eskf.sigma(RECEIVER.start))),
-                *(eskf.nominal.q_nb, eskf.sigma(8)),
-                is_at_rest=self._propagation.rest is not None,
-            )
+            is_at_rest = self._propagation.rest is not None
+            place = place_of(eskf, self._propagation.frame, is_at_rest=is_at_rest)
         return learnt._replace(temp_degc=self._temp_degc, place=place)
 
     def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
@@ -356,7 +265,6 @@ class ErrorState:
             return
         for eskf in self._bank.filters:
             begin_with(eskf, prior, takes_mounting=self._platform.is_vehicle)
-            begin_with_latency(eskf, prior)
         if prior.place is not None and is_parked(prior, since, level_q, fix):
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
@@ -385,9 +293,9 @@ class ErrorState:
             "yaw_sigma_deg": math.degrees(eskf.sigma(8)),
             "gyro_gain": list(eskf.gyro_gain),
             "axle_m": eskf.axle_m,
-            "delay_s": eskf.delay_s + self._shift_ns * 1e-9,
+            "delay_s": eskf.delay_s + self._buffer.shift_ns * 1e-9,
             "delay_sigma_s": eskf.sigma(DELAY),
-            "velocity_delay_s": eskf.velocity_delay_s + self._shift_ns * 1e-9,
+            "velocity_delay_s": eskf.velocity_delay_s + self._buffer.shift_ns * 1e-9,
             "velocity_sigma_mps": math.sqrt(receiver.velocity_var),
             "fix_noise_level": receiver.nis_level,
             "fix_period_s": receiver.period_s,

@@ -36,12 +36,16 @@ class FixedLagBuffer:
         End of the newest step.
     lag_ns : int
         How far the filter stays behind.
+    shift_ns : int
+        Fixes describe so much later than the tracker assumes: the part of the delay
+        that was found and moved out of the filters.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[ImuStep, Rest | None]] = deque()
         self.now_ns = 0
         self.lag_ns = LEAST_LAG_NS
+        self.shift_ns = 0
 
     def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Let a step wait."""

@@ -25,7 +25,10 @@ from imu_tracker.estimation.error_state.states import (
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
+    POSITION,
+    RECEIVER,
     VELOCITY_DELAY,
+    YAW,
 )
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import conjugate, rotate
@@ -141,6 +144,15 @@ def learned_from(
     )
 
 
+def place_of(eskf: Eskf, frame: LocalFrame, *, is_at_rest: bool) -> Place:
+    """Return where the filter is, and its attitude, with their sigmas."""
+    lat_rad, lon_rad = frame.to_lat_lon(*eskf.nominal.p_n[:2])
+    sigma_m = math.hypot(eskf.sigma(POSITION.start), eskf.sigma(RECEIVER.start))
+    yaw_sigma_rad = eskf.sigma(YAW.start)
+    q_nb = eskf.nominal.q_nb
+    return Place(lat_rad, lon_rad, sigma_m, q_nb, yaw_sigma_rad, is_at_rest)
+
+
 def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
     """Return the same with the doubts that time and temperature have brought.
 
@@ -212,18 +224,10 @@ def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -
         _set_sigmas(
             eskf, {MOUNT_PITCH: pitch, MOUNT_YAW: yaw, AXLE: learnt.axle_sigma_m}
         )
-
-
-def begin_with_latency(eskf: Eskf, learnt: LearnedParameters) -> None:
-    """Take over the delays, once the instants of the fixes are moved by the first."""
+    # The instants of the fixes were moved by the position's delay already.
     eskf.velocity_delay_s = learnt.velocity_latency_s - learnt.latency_s
-    _set_sigmas(
-        eskf,
-        {
-            DELAY: learnt.latency_sigma_s,
-            VELOCITY_DELAY: learnt.velocity_latency_sigma_s,
-        },
-    )
+    delays = learnt.latency_sigma_s, learnt.velocity_latency_sigma_s
+    _set_sigmas(eskf, dict(zip((DELAY, VELOCITY_DELAY), delays, strict=True)))
 
 
 def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
