@@ -313,7 +313,7 @@ PROTECTIONS: Final = (
         *("late fixes drag the track back", "they count at their own instant"),
         *(
             "estimation/tracker.py",
-            "instant_ns = fix.t_ns - self._latency_ns\n",
+            "instant_ns = self._utc.instant_of(fix)\n",
             "instant_ns = fix.t_ns\n",
         ),
         "tests/unit/test_tracker.py",

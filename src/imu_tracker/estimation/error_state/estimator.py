@@ -44,6 +44,7 @@ from imu_tracker.estimation.error_state.warm_start import (
     place_of,
 )
 from imu_tracker.estimation.estimate import Estimate
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
@@ -70,6 +71,8 @@ class ErrorState:
         What an earlier run learnt; its latency counts from what the tracker assumes.
     uses_wheels : bool
         Whether an outage's speed is taken from the vibration of the wheels.
+    fix_period : FixPeriod, optional
+        The tracker's, which sees every fix.
     """
 
     in_hindsight = True
@@ -81,6 +84,7 @@ class ErrorState:
         prior: LearnedParameters | None = None,
         *,
         uses_wheels: bool = True,
+        fix_period: FixPeriod | None = None,
     ) -> None:
         self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._notices: list[str] = []
@@ -94,7 +98,7 @@ class ErrorState:
         self._propagation = Propagation(self._bank, self._alignment, self._platform)
         self._fixes = FixUpdate(
             *(lever_arm_m, self._bank, self._alignment, self._platform),
-            *(self._propagation, self._notify),
+            *(self._propagation, self._notify, fix_period or FixPeriod()),
         )
         self._buffer = FixedLagBuffer()
         self._output = Combined(

@@ -35,6 +35,7 @@ from imu_tracker.estimation.error_state.states import (
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.samples import GpsFix, Vec3
 
@@ -58,7 +59,8 @@ class FixUpdate:
     platform : Platform
     propagation : Propagation
     notify : callable
-        Takes in words what people want to read of.
+        Takes messages for the log.
+    fix_period : FixPeriod
 
     Attributes
     ----------
@@ -81,13 +83,14 @@ class FixUpdate:
         platform: Platform,
         propagation: Propagation,
         notify: Callable[[str], None],
+        fix_period: FixPeriod,
     ) -> None:
         self._notify = notify
         self._lever_arm_m = lever_arm_m
         self._bank, self._alignment, self._platform = bank, alignment, platform
         self._propagation = propagation
         self._gate = Gate(platform.profile)
-        self.receiver = ReceiverModel()
+        self.receiver = ReceiverModel(fix_period)
         self.alt_origin_m: float | None = None
         self.ambiguity_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0

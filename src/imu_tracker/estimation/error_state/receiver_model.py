@@ -21,6 +21,7 @@ from imu_tracker.estimation.error_state.states import (
     VELOCITY_DELAY,
     Array,
 )
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.samples import GpsFix, Vec3
@@ -94,8 +95,6 @@ class ReceiverModel:
 
     Attributes
     ----------
-    period_s : float
-        Between fixes.
     accel_mps2 : float or None
         Change of its velocity within the last seconds, the larger of two; None: not
         known, or it tells no velocity.
@@ -106,15 +105,19 @@ class ReceiverModel:
         Whether the antenna stands still, by the word of the IMU.
     """
 
-    def __init__(self) -> None:
-        self.period_s = 1.0
+    def __init__(self, period: FixPeriod) -> None:
+        self._period = period
         self.velocity_var = VELOCITY_START_MPS**2
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
-        self._fix_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
+
+    @property
+    def period_s(self) -> float:
+        """Mean time between fixes."""
+        return self._period.mean_s
 
     @property
     def correlation_factor(self) -> float:
@@ -129,11 +132,7 @@ class ReceiverModel:
 
     def add_fix(self, fix: GpsFix) -> None:
         """Learn how often fixes come, and how their velocity changes."""
-        if self._fix_ns is not None:
-            period_s = (fix.t_ns - self._fix_ns) * 1e-9
-            if 0.0 < period_s < 10.0:
-                self.period_s += 0.1 * (period_s - self.period_s)
-        self._fix_ns = fix.t_ns
+        self._period.add_fix(fix)
         if fix.vel_ne_mps is None:
             self.accel_mps2 = self._vel = None
             return

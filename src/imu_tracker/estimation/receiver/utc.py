@@ -11,6 +11,8 @@ from collections import deque
 from statistics import median_low
 from typing import Final
 
+from imu_tracker.samples import GpsFix
+
 WINDOW_EPOCHS: Final = 40
 """Epochs whose median is the relation: half a minute at 1 Hz evens out the jitter."""
 
@@ -58,6 +60,8 @@ class UtcClock:
 
     Attributes
     ----------
+    latency_ns : int
+        As it was given: an estimator may find that fixes are later still.
     jumps : int
         How often the receiver changed its mind.
     holes : int
@@ -67,7 +71,7 @@ class UtcClock:
     """
 
     def __init__(self, latency_ns: int) -> None:
-        self._latency_ns = latency_ns
+        self.latency_ns = latency_ns
         self._offsets: deque[int] = deque(maxlen=WINDOW_EPOCHS)
         self._candidates: list[tuple[int, int]] = []
         self._offset_ns: int | None = None
@@ -92,7 +96,7 @@ class UtcClock:
         float
             Seconds by which the receiver has now changed its mind; mostly 0.
         """
-        offset = round(utc_s * 1e9) - (arrival_ns - self._latency_ns)
+        offset = round(utc_s * 1e9) - (arrival_ns - self.latency_ns)
         is_leap = self._leaps(offset)
         self._told_ns, self.is_uncertain = offset, False
         if self._first_ns is None:
@@ -122,6 +126,12 @@ class UtcClock:
         if self._offset_ns is None:
             return None
         return round(utc_s * 1e9) - self._offset_ns
+
+    def instant_of(self, fix: GpsFix) -> int:
+        """Return the instant that a fix describes, not later than its arrival."""
+        if fix.utc_s is None or (instant_ns := self.instant_ns(fix.utc_s)) is None:
+            return fix.t_ns - self.latency_ns
+        return min(instant_ns, fix.t_ns)
 
     def row_instant_ns(self, utc_ns: int) -> int:
         """Monotonic instant of a row of the log."""

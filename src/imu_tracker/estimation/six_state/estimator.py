@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.estimation.receiver.innovations import InnovationMonitor
 from imu_tracker.estimation.six_state import constraints
@@ -70,6 +71,8 @@ class SixState:
     lever_arm_m : Vec3, body axes
         From the chip to the antenna. The filter follows the chip, and speaks of the
         antenna.
+    fix_period : FixPeriod, optional
+        The tracker's, which sees every fix.
 
     Notes
     -----
@@ -77,7 +80,12 @@ class SixState:
     u = C_nb (dv_b / dt - b_a) + g_n.
     """
 
-    def __init__(self, profile: str, lever_arm_m: Vec3 = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        profile: str,
+        lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
+        fix_period: FixPeriod | None = None,
+    ) -> None:
         self._profile = profile
         self._lever_arm_m = lever_arm_m if any(lever_arm_m) else None
         self._cruise_var = CRUISE_SPEED_MPS[profile] ** 2
@@ -86,7 +94,7 @@ class SixState:
         self._gate = Gate(profile)
         self._kf = PositionFilter()
         # Of the whole run, not of an instant: never taken back.
-        self._monitor = InnovationMonitor()
+        self._monitor = InnovationMonitor(fix_period or FixPeriod())
         self._ambiguity_m = 0.0
         # Of an instant: what a snapshot holds.
         self._is_started = False
@@ -215,7 +223,7 @@ class SixState:
             "gyro_bias_sigma_dps": math.degrees(sigma),
             "tilt_sigma_deg": math.degrees(self._attitude.tilt_sigma_rad),
             "yaw_sigma_deg": math.degrees(self._attitude.yaw_sigma_rad),
-            "fix_period_s": self._monitor.period_s,
+            "fix_period_s": self._monitor.period.mean_s,
             "nis_mean": self._monitor.nis_mean,
         }
 
@@ -315,7 +323,7 @@ class SixState:
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         monitor = self._monitor
-        monitor.learn_period(fix)
+        monitor.period.add_fix(fix)
         z, z_v = self._measured_ne(fix, ahead_s)
         # The way travelled under a wrong yaw becomes part of P before it is weighed.
         drift = np.zeros(6)
@@ -339,8 +347,8 @@ class SixState:
             return FixOutcome.OUTLIER
         self._ambiguity_m = 0.0
         monitor.learn_noise(fix, innovation, S, nis)
-        factor = max(1.0, 1.0 / monitor.period_s)
-        parked = 2.0 * PARKED_CORRELATION_S / monitor.period_s
+        factor = max(1.0, 1.0 / monitor.period.mean_s)
+        parked = 2.0 * PARKED_CORRELATION_S / monitor.period.mean_s
         weight = parked if self._is_resting else factor
         self._kf.update(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
@@ -386,12 +394,14 @@ class SixState:
             )
             if not self._is_resting:
                 self._aiding.update_from_course(
-                    fix.vel_ne_mps, sigma_v, self._monitor.period_s
+                    fix.vel_ne_mps, sigma_v, self._monitor.period.mean_s
                 )
         elif not self._is_resting:
             vn, ve = self._kf.x[3:5].tolist()
             _, sigma = self.speed()
-            self._aiding.update_from_course((vn, ve), sigma, self._monitor.period_s)
+            self._aiding.update_from_course(
+                (vn, ve), sigma, self._monitor.period.mean_s
+            )
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""
