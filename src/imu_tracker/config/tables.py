@@ -266,7 +266,7 @@ class Config(Table):
             gps_date=self.gps.date,
             start=(lat_lon[0], lat_lon[1]) if lat_lon else None,
             start_radius_m=self.filter.start_radius_m,
-            hears_wheels=self.filter.wheels == "auto",
+            uses_wheels=self.filter.wheels == "auto",
         )
 
     @property
