@@ -27,7 +27,6 @@ from imu_tracker.config.values import (
     Bandwidth,
     Baud,
     Exact,
-    FilePath,
     IsoDate,
     IsoInstant,
     Latency,
