@@ -102,7 +102,6 @@ class Broker:
         )
         self._log = (folder / "mosquitto.log").open("ab")
         self._process: subprocess.Popen[bytes] | None = None
-        self.start()
 
     def start(self) -> None:
         """Start it and wait until it listens."""
@@ -137,6 +136,7 @@ def mosquitto(folder: Path, *lines: str) -> Iterator[Broker]:
     """Run one until the end of the block."""
     broker = Broker(folder, *lines)
     try:
+        broker.start()
         yield broker
     finally:
         broker.close()
@@ -153,14 +153,21 @@ class Sent(NamedTuple):
 class Wire:
     """A TCP relay that reads MQTT as it passes; QoS 1, either version.
 
+    Parameters
+    ----------
+    port : int
+        Of the broker.
+    versions : tuple of int
+        Of the protocol, as CONNECT has them; it hangs up on others, as old brokers do.
+
     Attributes
     ----------
     passed : list of Sent
         Each message when it was sent, and again when it was acknowledged.
     """
 
-    def __init__(self, port: int) -> None:
-        self._to = port
+    def __init__(self, port: int, versions: tuple[int, ...] = (4, 5)) -> None:
+        self._to, self._versions = port, versions
         self._server = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._server.getsockname()[1])
         self.passed: list[Sent] = []
@@ -236,6 +243,8 @@ class Wire:
         for kind, packet, raw in _packets(client):
             if kind >> 4 == 1:  # CONNECT
                 is_v5 = packet[6] == 5
+                if packet[6] not in self._versions:
+                    break
             if kind >> 4 == 3:  # PUBLISH
                 length = int.from_bytes(packet[:2])
                 topic = packet[2 : 2 + length].decode()

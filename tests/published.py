@@ -5,11 +5,15 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Event
 from typing import Final
 
+from imu_tracker.config import load_config
+from imu_tracker.publish.program import worker_of
+from imu_tracker.publish.worker import Worker
 from imu_tracker.storage.latlong import HEADER, LogRow, format_utc
 
 NOON_S: Final = datetime(2026, 11, 22, 12, tzinfo=UTC).timestamp()
@@ -94,3 +98,21 @@ def publishing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
         process.communicate()
+
+
+@contextmanager
+def working(*arguments: str) -> Iterator[Worker]:
+    """Run what serves one destination in this process until the end of the block."""
+    config = load_config(None, arguments[1::2])
+    stop = Event()
+    with ExitStack() as opened:
+        worker = worker_of(config, config.publish[0], stop, opened)
+        opened.pop_all()
+    worker.start()
+    try:
+        yield worker
+    finally:
+        stop.set()
+        assert worker.join(60.0)
+        if worker.error is not None:
+            raise worker.error

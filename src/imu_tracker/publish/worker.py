@@ -226,7 +226,7 @@ class Worker:
         self.error_ns = time.monotonic_ns()
         self.errors += 1
         if self.last_error != self._told:  # once, however often it is tried
-            log.warning("%s: %s", self.name, error)
+            log.warning("%s: %s", self.name, self.last_error)
         self._told = self.last_error
 
     def _pause(self, again_s: float | None) -> None:

@@ -28,7 +28,9 @@ from imu_tracker.publish.senders.sender import (
     Item,
 )
 
-WINDOW: Final = 100
+WINDOW: Final = 20
+"""Rows that are sent twice at most when a connection is lost: five seconds of a log."""
+
 KEEP_ALIVE_S: Final = 60
 GOODBYE_S: Final = 2.0
 IDLE_S: Final = 0.5
@@ -119,7 +121,13 @@ class MqttSender:
             self._publish(self._dialect.health())
         if self._mids and not self._mids[0]:
             timeout_s = 0.0
-        self._loop(timeout_s)
+        try:
+            self._loop(timeout_s)
+        except DestinationError:
+            # It may have acknowledged some before it went.
+            if taken := self._take_acknowledged():
+                return taken, 0
+            raise
         if self._is_asked:
             self._is_asked = False
             self._publish(self._dialect.hello())
@@ -148,10 +156,11 @@ class MqttSender:
     def _loop(self, timeout_s: float) -> None:
         """Let paho send and receive."""
         assert self._client is not None
-        if self._client.loop(timeout_s) != _OK:
-            raise DestinationError(f"{self._endpoint}: the connection was lost")
+        result = self._client.loop(timeout_s)
         if self._refusal:
             raise DestinationError(self._refusal)
+        if result != _OK:
+            raise DestinationError(f"{self._endpoint}: the connection was lost")
 
     def _unanswered(self) -> DestinationError:
         return DestinationError(
