@@ -19,6 +19,7 @@ from imu_tracker import __version__
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
+from imu_tracker.commands.machine.setup import add_setup
 from imu_tracker.commands.plot import add_plot
 from imu_tracker.commands.record import add_record
 from imu_tracker.commands.replay import add_replay
@@ -49,6 +50,7 @@ _COMMANDS: Final = (
     add_characterise,
     add_calibrate,
     add_selftest,
+    add_setup,
 )
 
 _EPILOG: Final = """\
