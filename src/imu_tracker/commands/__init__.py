@@ -13,7 +13,6 @@ __all__ = [
     "recorded",
     "replay",
     "run",
-    "serve",
     "simulate",
     "status",
 ]

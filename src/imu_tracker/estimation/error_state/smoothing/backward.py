@@ -48,7 +48,7 @@ class Point(NamedTuple):
     v_n : Vec3, m/s
     q_nb : Quat
     r95_m : float
-    dark_s : float
+    outage_s : float
     is_imu_right : bool
         Whether the filter was right; else the receiver alone is.
     """
@@ -61,7 +61,7 @@ class Point(NamedTuple):
     v_n: Vec3
     q_nb: Quat
     r95_m: float
-    dark_s: float
+    outage_s: float
     is_imu_right: bool
 
 
@@ -75,7 +75,7 @@ def points(newest: Entry | None, lever_arm_m: Vec3) -> list[Point]:
             scene = entry.scene
             if not scene.has_imu or scene.odds_nats > RIGHT_NATS:
                 is_right = scene.has_imu
-            if scene.dark_s < TRACKING_S:
+            if scene.outage_s < TRACKING_S:
                 widening = 1.0
             point = _point(entry, *entry.errors(later), lever_arm_m)
             found.append(
@@ -113,6 +113,6 @@ def _point(mark: Mark, errors: Array, cov: Array, lever_arm_m: Vec3) -> Point:
         mark.t_ns,
         *(lat, lon, alt_m, (vn, ve, vd), q_nb),
         r95_of(H @ cov @ H.T + LONGER_SHARE * cov[9:11, 9:11]),
-        scene.dark_s,
+        scene.outage_s,
         is_imu_right=True,
     )

@@ -162,7 +162,7 @@ class Scene(NamedTuple):
     alt_origin_m : float or None
     shift_s : float
         What was folded away of the receiver's delay.
-    dark_s : float
+    outage_s : float
         Since the last fix that was used.
     is_aligned : bool
     has_imu : bool
@@ -174,7 +174,7 @@ class Scene(NamedTuple):
     frame: LocalFrame
     alt_origin_m: float | None
     shift_s: float
-    dark_s: float
+    outage_s: float
     is_aligned: bool
     has_imu: bool
     odds_nats: float

@@ -14,7 +14,7 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     ANY_SPEED_MPS,
-    SPEED_LASTS_S,
+    SPEED_CORRELATION_S,
     UNKNOWN_DELAY_S,
     KeptFix,
 )
@@ -152,7 +152,7 @@ def _predicted(state: _State, dt_s: float, accel_psd: float) -> _State:
 
 def _model(dt_s: float, accel_psd: float) -> tuple[Array, Array]:
     """Random walk of the velocity, that ends at what roads and lights allow."""
-    tau = SPEED_LASTS_S
+    tau = SPEED_CORRELATION_S
     once, twice = 1.0 - math.exp(-dt_s / tau), 1.0 - math.exp(-2.0 * dt_s / tau)
     q_pp = tau**2 * (dt_s - 2.0 * tau * once + 0.5 * tau * twice)
     q_pv, q_vv = 0.5 * (tau * once) ** 2, 0.5 * tau * twice

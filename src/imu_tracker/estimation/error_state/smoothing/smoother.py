@@ -98,7 +98,7 @@ def _settled_ns(found: list[Point]) -> float:
     newest_ns, lit_s = found[-1].t_ns, 0.0
     for older, newer in zip(reversed(found[:-1]), reversed(found), strict=False):
         step_s = (newer.t_ns - older.t_ns) * 1e-9
-        if newer.dark_s < 2.0:
+        if newer.outage_s < 2.0:
             lit_s += step_s
         if lit_s > OVERLAP_S or (newest_ns - older.t_ns) * 1e-9 > LONGEST_S:
             return older.t_ns
