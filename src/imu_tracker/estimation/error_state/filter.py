@@ -19,14 +19,7 @@ from imu_tracker.estimation.error_state.mechanisation import (
     Nominal,
     Strapdown,
 )
-from imu_tracker.estimation.error_state.smoothing.entries import (
-    Change,
-    Correction,
-    Entry,
-    Forgetting,
-    Loss,
-    Stretch,
-)
+from imu_tracker.estimation.error_state.smoothing.kept import Kept
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_NOISE_PSD,
@@ -81,7 +74,7 @@ class Measurement(NamedTuple):
     R: Array  # shape (m, m)
 
 
-class Eskf(Strapdown):
+class Eskf(Strapdown, Kept):
     """Position, velocity, attitude, and the parameters that distort them.
 
     Parameters
@@ -102,9 +95,6 @@ class Eskf(Strapdown):
     receiver_var : float, m^2
         Of the receiver's lasting error, per axis.
     P : ndarray, shape (31, 31)
-    keeps_history : bool
-        Whether what happens is kept in `past`, for a smoother.
-    past : Entry or None
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -118,8 +108,6 @@ class Eskf(Strapdown):
         self.delay_s = self.velocity_delay_s = 0.0
         self.axle_m = START_AXLE_M
         self._granted_var, self._granted_ns = 0.0, 0
-        self.keeps_history = False
-        self.past: Entry | None = None
 
     def clone(self, noise: NoiseLevel) -> "Eskf":
         """Copy with another noise level; arrays are replaced, never changed."""
@@ -135,23 +123,7 @@ class Eskf(Strapdown):
         P[where, :] = P[:, where] = 0.0
         P[where, where] = np.diag(np.atleast_1d(variances))
         self.P = P
-        if self.keeps_history:
-            self.past = Forgetting(self.past, where)
-
-    def transform(self, T: Array) -> None:
-        """Let the errors be T errors."""
-        self.P = T @ self.P @ T.T
-        self.note_change(T)
-
-    def note_change(self, T: Array) -> None:
-        """Keep for a smoother that the errors were made T errors."""
-        if self.keeps_history:
-            self.past = Change(self.past, T)
-
-    def note_loss(self, measured: Measurement) -> None:
-        """Keep for a smoother how far off it was, before it begins anew."""
-        if self.keeps_history:
-            self.past = Loss(self.past, self.P, *measured)
+        self.note_reset(where)
 
     def set_vehicle(self, *, is_vehicle: bool) -> None:
         """Begin, or cease, to learn a mounting."""
@@ -226,7 +198,8 @@ class Eskf(Strapdown):
         accel_psd = ACCEL_NOISE_PSD + (
             level.accel_share**2 * self._accel_scatter_var * SHAKEN_S
         )
-        F = transition(self.nominal.q_nb, dt, self._dv_n, self._turn_n)
+        moved = self.nominal.q_nb, dt, self._dv_n, self._turn_n
+        F = transition(*moved)
         if not use_force:
             F[0:6, 6:15] = 0.0
         Q = process_noise(
@@ -237,11 +210,7 @@ class Eskf(Strapdown):
             is_vehicle=self._is_vehicle,
         )
         self.P = predicted(self.P, F, Q)
-        if self.keeps_history:
-            q_nb = self.nominal.q_nb
-            self.past = Stretch(
-                *(self.past, q_nb, dt, self._dv_n, self._turn_n), use_force=use_force
-            )
+        self.note_prediction(*moved, use_force=use_force)
         north, east = self.receiver_ne_m
         decay = float(F[17, 17])
         self.receiver_ne_m = (north * decay, east * decay)
@@ -254,8 +223,7 @@ class Eskf(Strapdown):
 
     def update(self, measured: Measurement) -> None:
         """Fold a measurement into the solution."""
-        if self.keeps_history:
-            self.past = Correction(self.past, self.P, *measured)
+        self.note_correction(self.P, *measured)
         errors, self.P = updated(self.P, *measured)
         self._inject(errors)
 
@@ -328,6 +296,4 @@ class Eskf(Strapdown):
             self.P = P
             north, east = self.receiver_ne_m
             self.receiver_ne_m = (north * shrink, east * shrink)
-            T = np.eye(N_ERRORS)
-            T[17, 17] = T[18, 18] = shrink
-            self.note_change(T)
+            self.note_scaling(slice(17, 19), shrink)

@@ -273,7 +273,7 @@ class FixUpdate:
             has_yaw = self._alignment.is_aligned
             for eskf in self._alignment.filters:
                 geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=has_yaw)
-                eskf.note_loss(self._position(eskf, fix, geometry, 0.0))
+                eskf.note_loss(eskf.P, *self._position(eskf, fix, geometry, 0.0))
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""

@@ -146,12 +146,12 @@ def test_a_filter_keeps_nothing_unless_it_is_asked_to() -> None:
     H = np.zeros((1, N_ERRORS))
     H[0, 0] = 1.0
     measured = Measurement(np.array([1.0]), H, np.eye(1))
-    eskf.apply(measured)
+    eskf.update(measured)
     assert eskf.past is None
     eskf.keeps_history = True
-    eskf.apply(measured)
+    eskf.update(measured)
     copied = eskf.clone(SMALL)
-    copied.apply(measured)
+    copied.update(measured)
     assert copied.past is not None
     assert copied.past.before is eskf.past, "a copy shares what was before"
 

@@ -5,4 +5,4 @@ the tracker. Out: the same rows, smoothed. Not here: the filters; they do not kn
 reads what they keep, and keep nothing unless asked to.
 """
 
-__all__ = ["entries", "history", "smoother"]
+__all__ = ["entries", "history", "kept", "smoother"]
