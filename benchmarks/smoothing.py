@@ -141,8 +141,9 @@ def _utc_offset_s(drive: Drive) -> float:
 
 def sidereon_tracks(drive: Drive) -> Iterator[tuple[str, Track, None]]:
     """Track by sidereon's EKF, and smooth by its RTS."""
-    import sidereon as s
+    import sidereon
 
+    s: Any = sidereon  # its stubs take the members of an enumeration for ellipses
     spec = s.ImuSpec(
         accel_vrw_mps_sqrt_s=0.1,
         gyro_arw_rad_sqrt_s=math.radians(0.02),
@@ -178,6 +179,8 @@ def sidereon_tracks(drive: Drive) -> Iterator[tuple[str, Track, None]]:
     fixes, ahead = iter(drive.fixes[1:]), []
     fix = next(fixes, None)
     for i, sample in enumerate(drive.samples[1:]):
+        if fix is None:  # a history ends with a correction
+            break
         t_s = sample.t_ns * 1e-9
         reading = s.ImuSample.rate(t_s, sample.accel_mps2, sample.gyro_radps)
         running.propagate_recorded(reading, history)

@@ -5,6 +5,7 @@ In: frames or a path. Out: frames, scores, sensor reports. Not here: live source
 """
 
 __all__ = [
+    "advice",
     "capture",
     "edit",
     "files",
@@ -12,4 +13,5 @@ __all__ = [
     "scoring",
     "sensor_report",
     "smoothing",
+    "tuning",
 ]

@@ -76,18 +76,27 @@ class Stretch:
 
 
 class Correction:
-    """A measurement that was folded in."""
+    """A measurement that was folded in.
 
-    __slots__ = ("_H", "_K", "_S_inv", "_z", "before")
+    Attributes
+    ----------
+    z : ndarray, shape (m,)
+        The innovation.
+    H : ndarray, shape (m, 31)
+    S_inv : ndarray, shape (m, m)
+        Inverse of its covariance.
+    """
+
+    __slots__ = ("H", "S_inv", "_K", "before", "z")
 
     def __init__(
         self, before: "Entry | None", P: Array, z: Array, H: Array, R: Array
     ) -> None:
         self.before = before
         PHT = P @ H.T
-        self._S_inv = np.linalg.inv(H @ PHT + R)
-        self._K = PHT @ self._S_inv
-        self._z, self._H = z, H
+        self.S_inv = np.linalg.inv(H @ PHT + R)
+        self._K = PHT @ self.S_inv
+        self.z, self.H = z, H
 
     def back(self, later: Adjoint) -> Adjoint:
         """Return l' = l - H' (K' l + S^-1 z), and for L' Joseph's form.
@@ -96,8 +105,8 @@ class Correction:
         -----
         L' = (I - K H)' L (I - K H) + H' S^-1 H.
         """
-        H, K, S_inv = self._H, self._K, self._S_inv
-        vector = later.vector - H.T @ (K.T @ later.vector + S_inv @ self._z)
+        H, K, S_inv = self.H, self._K, self.S_inv
+        vector = later.vector - H.T @ (K.T @ later.vector + S_inv @ self.z)
         LK = later.matrix @ K
         half = (LK - 0.5 * (H.T @ (K.T @ LK + S_inv))) @ H
         return Adjoint(vector, later.matrix - half - half.T)
@@ -118,7 +127,7 @@ class Loss(Correction):
         self, before: "Entry | None", P: Array, z: Array, H: Array, R: Array
     ) -> None:
         super().__init__(before, P, z, H, R)
-        nis = float(z @ self._S_inv @ z)
+        nis = float(z @ self.S_inv @ z)
         self.widening = math.sqrt(max(nis / len(z), 1.0))
 
 
