@@ -228,13 +228,14 @@ class Loop:
     @property
     def _doing(self) -> str:
         if self._row is not None:
-            return "tracking"
+            return "not logging" if self._latlong.trouble else "tracking"
         return "starting" if self._pipeline is None else "waiting for the first fix"
 
     def _summary(self) -> str:
         if self._row is None:
             return self._doing
-        return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        summary = f"{self._doing}: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        return "; ".join(filter(None, [summary, self._latlong.trouble]))
 
     def _counters(self) -> Counter[str]:
         total = Counter(self._past)
@@ -289,10 +290,7 @@ class Loop:
             "row": row,
             "prediction": self._ahead(),
             **health,
-            "log": {
-                "path": str(self._config.log.path),
-                "is_failing": self._latlong.is_failing,
-            },
+            "log": {"path": str(self._config.log.path), **self._latlong.health()},
             "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),
             "learnt": learnt,

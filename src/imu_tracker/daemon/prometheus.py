@@ -14,7 +14,7 @@ from imu_tracker.samples import Mode
 
 PREFIX: Final = "imu_tracker_"
 
-STATES: Final = ("starting", "waiting for the first fix", "tracking")
+STATES: Final = ("starting", "waiting for the first fix", "tracking", "not logging")
 
 _GAUGES: Final = (
     ("uptime_seconds", "uptime_s", 1, "Since the start of the daemon."),

@@ -6,7 +6,8 @@ Version 1 of the object::
     t_ns             CLOCK_MONOTONIC at writing: older than 5 s means that it hangs
     uptime_s         since the start of the daemon
     source           "hardware", "simulation" or "recording"
-    state            "starting", "waiting for the first fix" or "tracking"
+    state            "starting", "waiting for the first fix", "tracking" or
+                     "not logging" (rows do not reach the log, see log.trouble)
     mode, r95_m      of the last row; null before
     row_age_s        since the instant of the last row; null unless hardware
     fix_age_s        since a fix was used, to the second; null before
@@ -17,7 +18,8 @@ Version 1 of the object::
                      radius that holds it with 95 %: after_s, lat_deg, lon_deg, r95_m,
                      a list each; null before the first row
     imu, gps         how each sensor is; absent for other sources
-    log              path, is_failing (rows wait in memory: the disk takes none)
+    log              path, is_failing (rows wait in memory: the disk takes none),
+                     trouble: why rows are not written now, null while they are
     faults           how many were counted since the start, by kind, see `faults`
     counters         everything that was counted since the start, by name
     learnt           what the estimator found out

@@ -218,8 +218,9 @@ class Tracker:
     def _hear_time(self, arrival_ns: int, utc_s: float) -> None:
         jump_s = self._utc.observe(arrival_ns, utc_s)
         if jump_s:
+            follows = self._utc.follows(jump_s)
             self._notices.append(
-                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
+                f"the receiver's time jumped by {jump_s:+.1f} s; {follows}"
             )
 
     def _take(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
@@ -289,8 +290,9 @@ class Tracker:
             self._row_utc_ns += self._period_ns
             if hole_ns := utc.slew(self._period_ns):
                 self._row_utc_ns += -(-hole_ns // self._period_ns) * self._period_ns
+                way = "forward" if hole_ns > 0 else "back"
                 self._notices.append(
-                    f"the rows' times go forward by {hole_ns * 1e-9:.1f} s at once"
+                    f"the rows' times go {way} by {abs(hole_ns) * 1e-9:.1f} s at once"
                 )
         return rows
 
@@ -312,6 +314,7 @@ class Tracker:
             believed.q_nb,
             believed.r95_m + way_m,
             mode,
+            self._utc.is_sure,
         )
 
     def _mode_at(self, row_ns: int) -> Mode:

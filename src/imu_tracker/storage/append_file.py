@@ -133,6 +133,16 @@ class AppendFile:
             self._rotate(self._fd)
         return True
 
+    def put_aside(self) -> bool:
+        """Rotate the file now, whatever its size; False when the disk refuses."""
+        if self._fd is None:
+            return False
+        if self._size <= len(self.head):
+            return True  # nothing stands in it yet
+        inode = self._inode
+        self._rotate(self._fd)
+        return self._inode != inode
+
     def _keep(self, records: bytes) -> bool:
         """Keep records in memory; what is there already comes first."""
         if self._waiting_bytes + len(records) > MAX_WAITING_BYTES:
