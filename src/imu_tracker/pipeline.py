@@ -146,6 +146,11 @@ class Pipeline:
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
 
+    @property
+    def unread(self) -> dict[str, int]:
+        """How many sentences could not be used, by reason."""
+        return self._epochs.unread.reasons() | self._epochs.damaged.reasons()
+
     def learnt(self) -> Learnt | None:
         """What a next session can begin with; None: nothing, or not yet."""
         return self._tracker.learnt()

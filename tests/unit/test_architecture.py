@@ -18,7 +18,9 @@ PURE = (
     *("simulation", "wheels", "pipeline"),
     *(
         f"sensors.gnss.{name}"
-        for name in ("lines", "sentences", "epoch", "calendar", "verdicts")
+        for name in (
+            *("lines", "fields", "sentences", "epoch", "calendar", "verdicts"),
+        )
     ),
     "sensors.gnss.epoch_reader",
 )

@@ -268,6 +268,7 @@ class Loop:
         health = self._feed.health()
         learnt = {} if self._pipeline is None else self._pipeline.report()
         learnt.pop("counters", None)
+        unread = {} if self._pipeline is None else self._pipeline.unread
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -290,6 +291,7 @@ class Loop:
             "row": row,
             "prediction": self._ahead(),
             **health,
+            **({"unread_sentences": unread} if unread else {}),
             "log": {"path": str(self._config.log.path), **self._latlong.health()},
             "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),

@@ -18,6 +18,8 @@ Version 1 of the object::
                      radius that holds it with 95 %: after_s, lat_deg, lon_deg, r95_m,
                      a list each; null before the first row
     imu, gps         how each sensor is; absent for other sources
+    unread_sentences by reason, how many sentences of the receiver could not be used;
+                     absent while there are none
     log              path, is_failing (rows wait in memory: the disk takes none),
                      trouble: why rows are not written now, null while they are
     faults           how many were counted since the start, by kind, see `faults`

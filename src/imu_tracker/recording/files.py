@@ -19,7 +19,6 @@ from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
-from imu_tracker import RELEASE_DATE
 from imu_tracker.errors import OutputError, RecordingError, TrackerError
 from imu_tracker.recording.format import (
     EXPECTED,
@@ -31,7 +30,11 @@ from imu_tracker.recording.format import (
     parse_header,
 )
 from imu_tracker.samples import Frame, SessionHeader, Source
-from imu_tracker.sensors.gnss.calendar import ROLLOVER_WEEKS
+from imu_tracker.sensors.gnss.calendar import (
+    ROLLOVER_WEEKS,
+    release_utc_s,
+    rollovers_before,
+)
 from imu_tracker.storage.append_file import AppendFile, Layout, Limits
 from imu_tracker.storage.torn_lines import (
     end_of_lines,
@@ -55,8 +58,6 @@ _DATED = re.compile(
     rb"|^G \d+ \$..RMC,(?P<time>\d{6})[^,\n]*,A,(?:[^,\n]*,){6}(?P<date>\d{6}),",
     re.MULTILINE,
 )
-
-_RELEASE = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
 
 log = logging.getLogger(__name__)
 
@@ -291,8 +292,8 @@ def _first_utc(path: Path) -> str | None:
                     start = datetime.fromisoformat(header).astimezone(UTC)
                 else:
                     start = datetime.strptime(f"{date}{time}Z", "%d%m%y%H%M%S%z")
-                    while start < _RELEASE:
-                        start += timedelta(weeks=ROLLOVER_WEEKS)
+                    lost = rollovers_before(start.timestamp(), release_utc_s())
+                    start += timedelta(weeks=ROLLOVER_WEEKS * lost)
                 return f"{start:%Y%m%dT%H%M%SZ}"
     except (TrackerError, ValueError, OverflowError) as error:
         log.debug("%s: tells no time: %s", path, error)

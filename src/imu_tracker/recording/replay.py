@@ -15,6 +15,7 @@ from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, Stopwatch
 from imu_tracker.recording.scoring import Track, score
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader
+from imu_tracker.sensors.gnss.sentences import TOLD_AFTER
 from imu_tracker.storage.latlong import goes_back
 from imu_tracker.storage.state_file import StateFile, sensor_of
 
@@ -100,6 +101,10 @@ class Replay:
         text = f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
         if skipped := self._counters["skipped_rows"]:
             text += f", {skipped} left out (their times are those of earlier rows)"
+        unread = Counter(self._unread())
+        for reason, n in unread.most_common(1):
+            if n >= TOLD_AFTER or not fixes:
+                text += f"; sentences that cannot be used: {reason}, {n} times"
         return text
 
     def result(self) -> dict[str, Any]:
@@ -111,6 +116,7 @@ class Replay:
             "sessions": self._sessions,
             "rows": len(self._columns[0]),
             "counters": dict(self._all_counters()),
+            "unread": self._unread(),
             "learnt": learnt,
         }
 
@@ -160,6 +166,10 @@ class Replay:
         if self._pipeline is not None:
             for notice in self._pipeline.take_notices():
                 log.info("at %.1f s: %s", self._elapsed_s, notice)
+
+    def _unread(self) -> dict[str, int]:
+        """Why sentences of the last session could not be used, and how often."""
+        return self._pipeline.unread if self._pipeline is not None else {}
 
     def _all_counters(self) -> Counter[str]:
         now = self._pipeline.counters if self._pipeline is not None else Counter()
