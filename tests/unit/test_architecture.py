@@ -14,7 +14,15 @@ ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
 
 PURE = (
-    *("samples", "errors", "geometry", "motion", "estimation", "calibration"),
+    *(
+        "samples",
+        "errors",
+        "notices",
+        "geometry",
+        "motion",
+        "estimation",
+        "calibration",
+    ),
     *("simulation", "wheels", "pipeline"),
     *(
         f"sensors.gnss.{name}"

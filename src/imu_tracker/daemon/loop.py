@@ -18,6 +18,7 @@ from imu_tracker.daemon.state import KeptState
 from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
+from imu_tracker.notices import HoldOff
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import LiveRecordingWriter
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
@@ -37,8 +38,7 @@ LATE_NS: Final = 500 * MILLISECOND_NS
 AHEAD_S: Final = (1, 5, 10, 30, 60)
 """So far ahead the status says where it will be."""
 
-_BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
-"""Events whose word ends so are warnings."""
+_BAD_ENDS: Final = (" lost", " reset", " failed", " overrun")  # of events: warnings
 
 _USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
 
@@ -74,6 +74,7 @@ class Loop:
     ) -> None:
         self._corrections, self._calibration = corrections, config.imu.calibration
         self._config, self._feed = config, feed
+        self._source = config.source.kind
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
         self._statuses = status_files(config.status)
@@ -82,7 +83,7 @@ class Loop:
         self._row: NavState | None = None
         self._late_rows = 0
         self._past: Counter[str] = Counter()  # of the sessions that are over
-        self._hang = ""
+        self._hang, self._hold_off = "", HoldOff()
         self._start_ns = self._second_ns = clock.now_ns()
         self._health_ns = self._start_ns + HEALTH_NS
         self._told: Counter[str] = Counter()  # by the last line about the health
@@ -190,14 +191,18 @@ class Loop:
 
     def _tell_event(self, text: str) -> None:
         word, _, rest = text.partition(" ")
-        is_bad = word.endswith(_BAD_ENDS)
-        level = logging.WARNING if is_bad else logging.INFO
-        log.log(level, "%s: %s", word.replace("_", " "), rest)
+        self._tell([f"{word.replace('_', ' ')}: {rest}"])
+
+    def _tell(self, events: list[str]) -> None:
+        for text in self._hold_off.pass_on(self._clock.now_ns(), events):
+            is_bad = text.partition(":")[0].endswith(_BAD_ENDS)
+            log.log(logging.WARNING if is_bad else logging.INFO, "%s", text)
 
     # ------------------------------------------------------------ each second, minute
 
     def _each_second(self, now_ns: int) -> None:
         """Report to systemd and the status file."""
+        self._tell([])
         hang = self._feed.hang()
         if not hang:
             self._notify("WATCHDOG=1")
@@ -220,10 +225,6 @@ class Loop:
         self._told = counters
         counted = ", ".join(f"{name} {n}" for name, n in sorted(news.items()) if n)
         log.info("%s; in the last minute: %s", self._summary(), counted or "nothing")
-
-    @property
-    def _source(self) -> str:
-        return self._config.source.kind
 
     @property
     def _doing(self) -> str:
@@ -265,10 +266,11 @@ class Loop:
     def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
-        health = self._feed.health()
-        learnt = {} if self._pipeline is None else self._pipeline.report()
+        health, pipeline = self._feed.health(), self._pipeline
+        learnt = {} if pipeline is None else pipeline.report()
         learnt.pop("counters", None)
-        unread = {} if self._pipeline is None else self._pipeline.unread
+        fix_age_s = (now_ns - self._fix_ns) // SECOND_NS
+        unread = {} if pipeline is None else pipeline.unread
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -283,9 +285,7 @@ class Loop:
                 if self._row is not None and self._feed.is_live
                 else None
             ),
-            "fix_age_s": (
-                (now_ns - self._fix_ns) // SECOND_NS if self._used_fixes else None
-            ),
+            "fix_age_s": fix_age_s if self._used_fixes else None,
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,

@@ -26,6 +26,7 @@ from imu_tracker.estimation.rewind import (
 )
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
+from imu_tracker.notices import Flapping
 from imu_tracker.samples import GpsFix, ImuSample, Mode, Mount, NavState, UtcTime, Vec3
 
 COAST_AFTER_NS: Final = 400_000_000
@@ -141,6 +142,7 @@ class Tracker:
         self._fix_periods_ns = (1_000_000_000, 1_000_000_000)  # the last two
         self._n_outliers = 0  # in a row
         self._used_ns: int | None = None
+        self._imu_flapping = Flapping()
         self._said_sensors = ""
         self._notices: list[str] = []
 
@@ -321,7 +323,8 @@ class Tracker:
         # Of two intervals the shorter one: an outage is none.
         window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * min(self._fix_periods_ns)))
         has_gps = self._used_ns is not None and row_ns - self._used_ns <= window_ns
-        has_imu = self._last_step is not None and not self._last_step.is_gap
+        is_fed = self._last_step is not None and not self._last_step.is_gap
+        has_imu = self._imu_flapping.counts(row_ns, is_fed)
         no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"
         if self._fix_ns is not None and row_ns - self._fix_ns <= window_ns:
             no_gps = "fixes do not fit"
