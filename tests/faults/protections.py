@@ -240,22 +240,22 @@ PROTECTIONS: Final = (
         *("RMC with status V is read as a fix", "status A alone counts"),
         *(
             "sensors/gnss/sentences.py",
-            "has_fix=has_fix_by_status(status, mode),\n        lat_lon_rad=_position(*place),\n        vel",
-            "has_fix=True,\n        lat_lon_rad=_position(*place),\n        vel",
+            "has_fix=has_fix_by_status(status, mode),\n        lat_lon_rad=position(*place),\n        vel",
+            "has_fix=True,\n        lat_lon_rad=position(*place),\n        vel",
         ),
         "tests/unit/test_nmea_sentences.py",
     ),
     Protection(
         *("0 N 0 E reaches the log", "such a place is none"),
-        *("sensors/gnss/sentences.py", "or lat_deg == lon_deg == 0:", "or False:"),
+        *("sensors/gnss/fields.py", "or lat_deg == lon_deg == 0:", "or False:"),
         "[GPS at 0 N 0 E for 10 s-start]",
     ),
     Protection(
         *("dates 1024 weeks back", "weeks are added until they are not"),
         *(
             "sensors/gnss/calendar.py",
-            "            return max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))",
-            "            return 0",
+            "    return max(0, ceil((earliest_utc_s - LATE_DATE_S - sent_utc_s)",
+            "    return 0 and ((earliest_utc_s - LATE_DATE_S - sent_utc_s)",
         ),
         "[date 1024 weeks back-start]",
     ),

@@ -48,7 +48,9 @@ def test_an_axis_that_stands_is_noticed_within_a_second_and_named(axis: int) -> 
     found = refused(watch, bursts(5, stuck=(axis,)))
     assert found.index(True) <= 100
     assert all(found[100:])
-    assert watch.take_notices() == [f"imu: stuck: {NAMES[axis]}; the IMU is not used"]
+    (told,) = watch.take_notices()
+    assert told.startswith(f"imu: stuck: {NAMES[axis]}; the IMU is not used: run ")
+    assert watch.stuck == (NAMES[axis],)
     assert watch.take_notices() == []
     assert watch.counters["stuck_samples"] == sum(found)
 
@@ -289,3 +291,26 @@ def test_a_start_that_the_imu_feels_is_none() -> None:
         lambda t: 0.3 * (20 < t < 23),
     )
     assert watch.counters == {}
+
+
+def test_a_place_that_repeats_while_the_speed_runs_on_is_frozen() -> None:
+    """Reported as KumarRobotics/ublox#253 and punch-mission/punchbowl#1025."""
+    watch = watched(120, lambda _: 0.0, lambda t: 10.0 * (t < 100))
+    (frozen,) = watch.take_notices()
+    assert frozen.startswith("the receiver repeats one place while its speed runs on")
+    assert "restart the receiver" in frozen
+    assert watch.counters == {}
+
+
+def test_a_receiver_that_stands_and_says_so_is_not_frozen() -> None:
+    watch = watched(300, lambda _: 0.0, lambda _: 0.0)
+    assert watch.take_notices() == []
+
+
+def test_an_imu_that_is_gone_feels_nothing_and_says_nothing() -> None:
+    # A parked car's IMU dies, and it drives off.
+    watch = watched(30, lambda _: 0.0, lambda _: 0.0, lambda _: 0.0)
+    for second in range(30, 200):
+        north_m = 10.0 * (second - 30)
+        watch.on_fix(fix(second, north_m=north_m, v_north_mps=10.0))
+    assert watch.take_notices() == []

@@ -25,6 +25,7 @@ from imu_tracker.errors import (
     OutputError,
     TrackerError,
 )
+from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.recording.files import layout_of, read_recording
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors import pi_advice as mending
@@ -39,7 +40,7 @@ from imu_tracker.storage.append_file import FOREIGN, Layout, is_foreign
 from imu_tracker.storage.latlong import BACK_S, LAYOUT, format_utc
 from imu_tracker.storage.log_tail import newest_utc_s
 
-SAMPLES: Final = 50
+SAMPLES: Final = 100  # a second: enough to see that an axis stands
 
 LISTEN_NS: Final = 24 * SECOND_NS  # nine baud rates, 2.2 s each, and the bursts
 SENTENCES_NS: Final = 3 * SECOND_NS  # from the first one on: all kinds, and a fix
@@ -89,10 +90,12 @@ def check_imu(config: Config, clock: Clock) -> Finding:
             imu = hardware.imu_driver(config, bus, clock)
             imu.configure(hardware.imu_settings(config))
             counts = CountsModel(config.imu.accel_range_g, config.imu.gyro_range_dps)
-            samples = []
+            samples, axes = [], StuckAxes()
             for _ in range(SAMPLES):
                 clock.sleep_until_ns(clock.now_ns() + 10 * MILLISECOND_NS)
-                samples.append(counts.decode(clock.now_ns(), imu.read_burst()))
+                t_ns, burst = clock.now_ns(), imu.read_burst()
+                axes.look(t_ns, burst)
+                samples.append(counts.decode(t_ns, burst))
     except BusError as error:
         return _failed("IMU", explain(error), error)
     except TrackerError as error:
@@ -102,14 +105,14 @@ def check_imu(config: Config, clock: Clock) -> Finding:
         f"{imu.chip.name} at 0x{config.imu.address:02X} on /dev/i2c-{config.imu.bus}: "
         f"{gravity_g:.2f} g, {rate_dps:.1f} °/s, {temp_degc:.0f} °C"
     )
+    if broken := why_broken(samples, axes.stuck):
+        return _unavailable("IMU", f"{text}; {broken}: {_SELFTEST}")
     if GRAVITY_G[0] <= gravity_g <= GRAVITY_G[1] and rate_dps <= STILL_DPS:
         return _ok("IMU", text)
-    if broken := why_broken(samples):
-        return _unavailable("IMU", f"{text}; {broken}: run imu-tracker selftest")
     return _warning(
         "IMU",
         f"{text}; at rest it feels 1 g and no rate: hold it still; if it was still, "
-        "run imu-tracker selftest",
+        "run imu-tracker selftest, and calibrate accel",
     )
 
 
@@ -160,6 +163,8 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
         if worst := epochs.unread.worst():
             yield _warning("GPS", f"sentences that cannot be used: {worst}")
 
+
+_SELFTEST: Final = "run imu-tracker selftest; another chip if that fails too"
 
 _GPS_ADVICE: Final = {
     GpsState.SILENT: (

@@ -34,6 +34,22 @@ WINDOW_NS: Final = 1_000_000_000
 EVERY_NS: Final = 45_000_000
 """The IMU is looked at so often: vibration shows at any rate."""
 
+FROZEN_SPEED_MPS: Final = 1.0
+"""A receiver that stands still repeats its place too, but says so."""
+
+DRAWN: Final = (
+    "the receiver may be led astray (spoofed): its places move without its own "
+    "velocity; compare its place with what you see, and its antenna with open sky"
+)
+RESTED: Final = (
+    "the receiver may be led astray (spoofed), or the IMU lies loose: its places move, "
+    "the IMU feels nothing"
+)
+FROZEN: Final = (
+    "the receiver repeats one place while its speed runs on: it is frozen, and not "
+    "believed until the place changes; if that lasts, restart the receiver"
+)
+
 LOUDER: Final = 2.0
 MOVED_MPS2: Final = 0.15
 MOVED_RADPS: Final = math.radians(0.5)
@@ -56,6 +72,7 @@ class DragWatch:
         self._last: GpsFix | None = None
         self._anchor: GpsFix | None = None  # where it was when rest began
         self._quiet = _Quiet()
+        self._is_frozen = False  # the place repeats since it moved by its velocity
         self._is_told = {"position": False, "rest": False}
         self._notices: list[str] = []
 
@@ -71,12 +88,10 @@ class DragWatch:
         """Take a fix."""
         limit_m = max(DRAWN_M, DRAWN_SIGMAS * fix.sigma_h_m)
         drawn_m = self._drawn_by_position(fix)
-        self._judge(
-            "position", drawn_m, limit_m, "its places move without its own velocity"
-        )
+        self._judge("position", drawn_m, limit_m, FROZEN if self._is_frozen else DRAWN)
         rested_m = self._drawn_at_rest(fix)
-        self._judge("rest", rested_m, limit_m, "its places move, the IMU feels nothing")
-        if max(drawn_m, rested_m) > limit_m:
+        self._judge("rest", rested_m, limit_m, RESTED)
+        if max(drawn_m, rested_m) > limit_m and not self._is_frozen:
             self.counters["suspect_fixes"] += 1
 
     def take_notices(self) -> list[str]:
@@ -88,7 +103,7 @@ class DragWatch:
         """Tell a beginning once, and again only when it was over meanwhile."""
         if drawn_m > limit_m and not self._is_told[kind]:
             self._is_told[kind] = True
-            self._notices.append(f"the receiver may be led astray (spoofed): {why}")
+            self._notices.append(why)
         elif drawn_m < 0.5 * limit_m:
             self._is_told[kind] = False
 
@@ -106,6 +121,11 @@ class DragWatch:
         is_sure = abs(dt_s - arrived_s) < UNSURE_S
         if not (0.0 < dt_s <= LONGEST_STEP_S and is_sure):
             return math.hypot(*self._unexplained_ne_m)
+        speed_mps = math.hypot(*fix.vel_ne_mps)
+        is_same_place = (fix.lat_rad, fix.lon_rad) == (last.lat_rad, last.lon_rad)
+        self._is_frozen = is_same_place and (
+            self._is_frozen or speed_mps > FROZEN_SPEED_MPS
+        )
         here = LocalFrame.at(last.lat_rad, last.lon_rad)
         moved = here.to_ne(fix.lat_rad, fix.lon_rad)
         keep = math.exp(-dt_s / FORGET_S)
@@ -128,7 +148,7 @@ class DragWatch:
 
     def _drawn_at_rest(self, fix: GpsFix) -> float:
         """Way from where the body came to rest, while it rests."""
-        if not self._quiet.is_resting:
+        if not (self._quiet.is_resting and self._quiet.is_fresh(fix.t_ns)):
             self._anchor = None
             return 0.0
         if self._anchor is None:
@@ -148,6 +168,10 @@ class _Quiet:
         self._spread = (math.inf, math.inf)
         self._rest: tuple[Vec3, Vec3] | None = None  # of the first window of rest
         self._rest_spread = (0.0, 0.0)
+
+    def is_fresh(self, t_ns: int) -> bool:
+        """Whether the IMU was there a moment ago: one that is silent feels nothing."""
+        return t_ns < self._due_ns + 2 * WINDOW_NS
 
     def learn(self, is_still: bool) -> None:
         if is_still and not self.is_resting and self._mean is not None:
