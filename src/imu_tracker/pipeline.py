@@ -16,7 +16,8 @@ from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
 from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import (
     DEFAULT_MOUNT,

@@ -144,10 +144,7 @@ def test_estimators_know_nothing_of_the_tracker() -> None:
         if not is_in(name, ("estimation",)) or name in CLOCKS:
             continue
         for imported in imports_of(MODULES[name]):
-            assert own(imported) not in (
-                "estimation.tracker",
-                "estimation.receiver.utc",
-            ), name
+            assert own(imported) not in CLOCKS, name
 
 
 DANGEROUS = {
@@ -213,7 +210,6 @@ LONGER = {
     "estimation.error_state.hypotheses.alignment",
     "estimation.error_state.estimator",
     "estimation.six_state.estimator",
-    "estimation.tracker",
     "recording.files",
     "storage.append_file",
     "storage.state_file",

@@ -35,7 +35,7 @@ from imu_tracker.estimation.error_state.states import (
     transition,
 )
 from imu_tracker.estimation.receiver.gate import AGREEING_FIXES, FixOutcome
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import (
     from_euler,

@@ -9,7 +9,8 @@ import pytest
 from body import DPS, SECOND_NS, Body
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.rewind import HISTORY_NS
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import (
     GpsFix,
