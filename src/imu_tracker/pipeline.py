@@ -77,7 +77,7 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
-        self._axes, self._backlog, self._drag = (
+        self._axes, self._backlog, self._spoofing = (
             StuckAxes(),
             Backlog(),
             SpoofingMonitor(),
@@ -96,11 +96,11 @@ class Pipeline:
             sample = self._decode(t_ns, data)
             if self._axes.clips(sample):
                 return self._noted(rows + self._tracker.advance(t_ns))
-            self._drag.on_imu(sample)
+            self._spoofing.add_sample(sample)
             return self._noted(rows + self._tracker.on_imu(sample))
         rows = self.advance(t_ns)
         if source is Source.GPS:
-            self._tell(self._epochs.feed(t_ns, data))
+            self._deliver(self._epochs.feed(t_ns, data))
         return rows
 
     def advance(self, t_ns: int) -> list[NavState]:
@@ -113,7 +113,7 @@ class Pipeline:
     def _noted(self, rows: list[NavState]) -> list[NavState]:
         """Return the rows; whether the body rests is known from the last of them."""
         if rows:
-            self._drag.rest(rows[-1].mode is Mode.STILL)
+            self._spoofing.set_rest(rows[-1].mode is Mode.STILL)
         return rows
 
     def _close_epoch(self, t_ns: int) -> list[NavState]:
@@ -122,13 +122,13 @@ class Pipeline:
         if closes_ns is None or closes_ns > t_ns:
             return []
         rows = self._tracker.advance(closes_ns)
-        self._tell(self._epochs.advance(closes_ns))
+        self._deliver(self._epochs.advance(closes_ns))
         return rows
 
-    def _tell(self, positions: list[GpsFix | UtcTime]) -> None:
+    def _deliver(self, positions: list[GpsFix | UtcTime]) -> None:
         for position in self._backlog.relieved(positions):
             if isinstance(position, GpsFix):
-                self._drag.on_fix(position)
+                self._spoofing.add_fix(position)
                 self._tracker.on_fix(position)
             else:
                 self._tracker.on_time(position)
@@ -141,13 +141,13 @@ class Pipeline:
     def counters(self) -> Counter[str]:
         """All that was counted: sentences, fixes, samples."""
         total = self._epochs.counters + self._tracker.counters
-        for watch in (self._axes, self._backlog, self._drag):
+        for watch in (self._axes, self._backlog, self._spoofing):
             total += watch.counters
         return total
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        watches = (self._epochs, self._axes, self._backlog, self._drag)
+        watches = (self._epochs, self._axes, self._backlog, self._spoofing)
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
 

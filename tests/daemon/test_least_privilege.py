@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.config import load_config
 from imu_tracker.daemon import run
 from imu_tracker.daemon.supervision import Signals
+from support.fake_clock import FakeClock
 
 _WATCHED = """
 import json, os, sys

@@ -29,7 +29,7 @@ from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources.factory import imu_settings
 from imu_tracker.sources.live import GpsFactory, ImuFactory
 from imu_tracker.storage.latlong import LatLongLog
-from simulated import METRES_PER_RAD
+from support.simulated import METRES_PER_RAD
 
 USED = (FixOutcome.INITIALISED, FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
 

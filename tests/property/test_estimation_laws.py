@@ -46,7 +46,7 @@ from imu_tracker.samples import (
 )
 from imu_tracker.simulation import simulate
 from imu_tracker.storage.latlong import format_row
-from property.strategies import (
+from support.strategies import (
     angles,
     bursts,
     int16,

@@ -59,15 +59,15 @@ class SpoofingMonitor:
         self._is_told = {"position": False, "rest": False}
         self._notices: list[str] = []
 
-    def on_imu(self, sample: ImuSample) -> None:
+    def add_sample(self, sample: ImuSample) -> None:
         """Feel whether the body goes on resting."""
-        self._quiet.add(sample)
+        self._quiet.add_sample(sample)
 
-    def rest(self, is_still: bool) -> None:
+    def set_rest(self, is_still: bool) -> None:
         """Hear whether the tracker believes that the body stands."""
         self._quiet.learn(is_still)
 
-    def on_fix(self, fix: GpsFix) -> None:
+    def add_fix(self, fix: GpsFix) -> None:
         """Take a fix."""
         limit_m = max(DRAWN_M, DRAWN_SIGMAS * fix.sigma_h_m)
         drawn_m = self._drawn_by_position(fix)
@@ -154,7 +154,7 @@ class _Quiet:
             self.is_resting = True
             self._rest, self._rest_spread = self._mean, self._spread
 
-    def add(self, sample: ImuSample) -> None:
+    def add_sample(self, sample: ImuSample) -> None:
         if sample.t_ns < self._due_ns:
             return
         self._due_ns = sample.t_ns + EVERY_NS
