@@ -14,6 +14,13 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.tuning import (
+    GYRO_BIAS_SIGMA_RADPS,
+    GYRO_DRIFT_PSD,
+    SIX_GYRO_NOISE_PSD,
+    UNOBSERVED_TURN_RADPS,
+    USABLE_YAW_SIGMA_RAD,
+)
 from imu_tracker.geometry.rotation import (
     IDENTITY,
     from_rotation_vector,
@@ -28,16 +35,7 @@ from imu_tracker.geometry.rotation import (
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.samples import Quat, Vec3
 
-GYRO_NOISE_PSD: Final = math.radians(0.02) ** 2
-"""Angle random walk, (rad/s)^2/Hz: the datasheet's 0.005 deg/s/sqrt(Hz), four times
-over for vibration and scale errors in turns."""
-
-GYRO_DRIFT_PSD: Final = math.radians(0.002) ** 2
-"""Random walk of the bias, (rad/s)^2 per s: 0.1 deg/s in an hour, by temperature."""
-
-GYRO_BIAS_VAR: Final = math.radians(3.0) ** 2
-"""Zero-rate output before it is measured; chips at 2 to 4 deg/s are common though the
-datasheet allows 20 (PS-MPU-6000A section 6.1)."""
+GYRO_BIAS_VAR: Final = GYRO_BIAS_SIGMA_RADPS**2
 
 UNKNOWN_YAW_SIGMA_RAD: Final = math.pi / math.sqrt(3.0)
 """Of an angle that may be anything."""
@@ -45,14 +43,9 @@ UNKNOWN_YAW_SIGMA_RAD: Final = math.pi / math.sqrt(3.0)
 _PREDICT_S: Final = 0.2
 """The covariance moves slowly and is predicted at 5 Hz; the attitude at every step."""
 
-_RANDOM_WALKS: Final = np.diag([GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
+_RANDOM_WALKS: Final = np.diag([SIX_GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
 _H_BIAS: Final = np.eye(6)[3:]
 
-_USABLE_YAW_SIGMA_RAD: Final = 0.6
-"""Beyond this a rotated acceleration says less than none."""
-
-_LOST_TURN_RADPS: Final = 0.1
-"""How fast a body turns, about any axis, while nobody looks."""
 
 _LOST_TILT_SIGMA_RAD: Final = 0.5  # gravity is found anew sooner than mended
 
@@ -109,7 +102,7 @@ class AttitudeFilter:
     @property
     def is_yaw_usable(self) -> bool:
         """Whether the yaw is known well enough to rotate with."""
-        return self.has_yaw and self._kf.P[2, 2] < _USABLE_YAW_SIGMA_RAD**2
+        return self.has_yaw and self._kf.P[2, 2] < USABLE_YAW_SIGMA_RAD**2
 
     @property
     def yaw_rad(self) -> float:
@@ -164,7 +157,7 @@ class AttitudeFilter:
     def propagate_gap(self, dt_s: float) -> None:
         """Let time pass of which the gyro said nothing."""
         self._pending_s += dt_s
-        self.inflate(_LOST_TURN_RADPS * dt_s)
+        self.inflate(UNOBSERVED_TURN_RADPS * dt_s)
 
     def inflate(self, angle_rad: float) -> None:
         """Let the attitude be off by so much more about any axis, at one sigma."""

@@ -20,44 +20,24 @@ from imu_tracker.estimation.six_state import constraints
 from imu_tracker.estimation.six_state.attitude import AttitudeFilter
 from imu_tracker.estimation.six_state.attitude_aiding import AttitudeAiding
 from imu_tracker.estimation.six_state.position_filter import PositionFilter
+from imu_tracker.estimation.tuning import (
+    ALTITUDE_FACTOR,
+    LARGEST_RADIUS_M,
+    RECEIVER_CORRELATION_S,
+    SIX_ACCEL_BIAS_SIGMA_MPS2,
+    SIX_ACCEL_NOISE_PSD,
+    SIX_CORRELATED_SHARE,
+    SIX_CRUISE_SPEED_MPS,
+    SIX_LATENCY_SIGMA_S,
+    SIX_UNKNOWN_ACCEL_PSD,
+    SIX_VELOCITY_SIGMA_MPS,
+)
 from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, Vec3
 
-ACCEL_NOISE_PSD: Final = 0.1**2
-"""White acceleration noise, (m/s^2)^2/Hz: vibration, scale and timing errors."""
-
-ACCEL_BIAS_SIGMA_MPS2: Final = 0.15
-"""What remains in a level axis, beside the tilt that the attitude filter knows of:
-bias that turns with the vehicle, scale, a yaw that is the course's and not the box's.
-15 mg, a third of the datasheet's zero-g tolerance (PS-MPU-6000A section 6.2)."""
-
-UNKNOWN_ACCEL_PSD: Final = 1.5**2
-"""While the yaw or the whole IMU is unknown: a vehicle's own acceleration,
-1.5 m/s^2 for a second."""
-
-CORRELATED_SHARE: Final = 0.8
-"""Part of a fix's variance that lasts a minute (ionosphere, orbits, multipath): no
-averaging removes it, so it is added to the radius."""
-
-PARKED_CORRELATION_S: Final = 60.0
-"""How long: fixes of a parked receiver count once in so much time."""
-
-VELOCITY_SIGMA_MPS: Final = 0.15
-"""Error of a Doppler velocity, per axis."""
-
-LATENCY_SIGMA_S: Final = 0.1
-"""How far the configured latency may be off."""
-
-ALTITUDE_FACTOR: Final = 2.0
-"""Vertical against horizontal error of a receiver: its satellites are all above."""
-
-CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
-"""In the dark the speed's uncertainty stops growing here."""
-
-_LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 _CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_CORRELATION_FACTOR
 
 
@@ -88,7 +68,7 @@ class SixState:
     ) -> None:
         self._profile = profile
         self._lever_arm_m = lever_arm_m if any(lever_arm_m) else None
-        self._cruise_var = CRUISE_SPEED_MPS[profile] ** 2
+        self._cruise_var = SIX_CRUISE_SPEED_MPS[profile] ** 2
         self._attitude = AttitudeFilter()
         self._aiding = AttitudeAiding(self._attitude, profile)
         self._gate = Gate(profile)
@@ -133,7 +113,7 @@ class SixState:
         lat, lon = self._frame.to_lat_lon(north, east)
         alt = None if self._alt_origin_m is None else self._alt_origin_m - down
         r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._ambiguity_m)
-        return Estimate(lat, lon, alt, (vn, ve, vd), q_nb, min(r95, _LARGEST_RADIUS_M))
+        return Estimate(lat, lon, alt, (vn, ve, vd), q_nb, min(r95, LARGEST_RADIUS_M))
 
     def _position_cov_m2(self, vn: float, ve: float) -> NDArray[np.float64]:
         """Covariance of the horizontal position, with what is only considered.
@@ -143,8 +123,8 @@ class SixState:
         latency.
         """
         monitor = self._monitor
-        lasting = CORRELATED_SHARE * monitor.sigma_h_m**2 * monitor.nis_level
-        late = LATENCY_SIGMA_S**2
+        lasting = SIX_CORRELATED_SHARE * monitor.sigma_h_m**2 * monitor.nis_level
+        late = SIX_LATENCY_SIGMA_S**2
         dn, de = self._drift_m
         cross = dn * de + late * vn * ve
         considered = [
@@ -271,21 +251,23 @@ class SixState:
         vn, ve, _ = self._kf.v_n
         sigma_yaw = attitude.yaw_sigma_rad
         an = ae = ad = 0.0
-        psd = psd_down = ACCEL_NOISE_PSD if self._is_resting else UNKNOWN_ACCEL_PSD
+        psd = psd_down = (
+            SIX_ACCEL_NOISE_PSD if self._is_resting else SIX_UNKNOWN_ACCEL_PSD
+        )
         if can_rotate and attitude.is_yaw_usable:
             an, ae, ad = self._a_n
             # An error that lasts, s for a time T, has the variances s^2 T^2 of the
             # velocity and s^2 T^4 / 4 of the position. White noise of 3 s^2 T grows
             # to the same position.
             lasting = (
-                ACCEL_BIAS_SIGMA_MPS2**2
+                SIX_ACCEL_BIAS_SIGMA_MPS2**2
                 + (self._gravity_mps2 * attitude.tilt_sigma_rad) ** 2
                 + (an * an + ae * ae) * sigma_yaw**2
             )
             # Rest is seen anew all the time.
             lasted_s = 0.0 if self._is_resting else self._outage_s
-            psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
-            psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
+            psd = SIX_ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
+            psd_down = SIX_ACCEL_NOISE_PSD + SIX_ACCEL_BIAS_SIGMA_MPS2**2
             dn, de = self._drift_m
             self._drift_m = (dn - sigma_yaw * ve * dt, de + sigma_yaw * vn * dt)
         if P[3, 3] + P[4, 4] > self._cruise_var:
@@ -348,12 +330,12 @@ class SixState:
         self._ambiguity_m = 0.0
         monitor.learn_noise(fix, innovation, S, nis)
         factor = max(1.0, 1.0 / monitor.period.mean_s)
-        parked = 2.0 * PARKED_CORRELATION_S / monitor.period.mean_s
+        parked = 2.0 * RECEIVER_CORRELATION_S / monitor.period.mean_s
         weight = parked if self._is_resting else factor
         self._kf.update(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
         sigma_v = math.hypot(
-            VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
+            SIX_VELOCITY_SIGMA_MPS, SIX_LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
         )
         if z_v is not None and not self._is_resting:
             self._kf.update_velocity(z_v, sigma_v**2 * factor)

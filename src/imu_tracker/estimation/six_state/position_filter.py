@@ -7,14 +7,13 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.six_state.constraints import VelocityMeasurement
+from imu_tracker.estimation.tuning import SOFT_GATE_NIS
 from imu_tracker.samples import Vec3
 
 Array = NDArray[np.float64]
 
 CONSTRAINT_CORRELATION_FACTOR: Final = 5.0
 """Constraints come at 5 Hz, and their errors last about a second."""
-
-_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 
 
 class PositionFilter:
@@ -80,7 +79,7 @@ class PositionFilter:
         innovation = z - self._kf.x[3:5]
         S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
         nis = float(innovation @ np.linalg.solve(S, innovation))
-        self.update(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
+        self.update(z, slice(3, 5), variance * max(1.0, nis / SOFT_GATE_NIS))
 
     def update_constraint(self, measured: VelocityMeasurement) -> None:
         """Apply what the body cannot do."""

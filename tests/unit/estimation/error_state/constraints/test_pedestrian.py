@@ -4,20 +4,18 @@ import math
 
 import pytest
 
-from imu_tracker.estimation.error_state.constraints.pedestrian import (
-    LEARNING_S,
-    START_SPEED_MPS,
-    Gait,
-)
-from imu_tracker.estimation.error_state.constraints.road_prior import (
-    LEAST_FORWARD_MPS2,
-    LEAST_SLOPE_RAD,
-    START_SLOPE_RAD,
-    RoadPrior,
-)
+from imu_tracker.estimation.error_state.constraints.pedestrian import Gait
+from imu_tracker.estimation.error_state.constraints.road_prior import RoadPrior
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import NoiseLevel
+from imu_tracker.estimation.tuning import (
+    GAIT_LEARNING_S,
+    LEAST_FORWARD_MPS2,
+    LEAST_SLOPE_RAD,
+    START_SLOPE_RAD,
+    START_WALK_MPS,
+)
 from imu_tracker.geometry.rotation import from_euler
 from imu_tracker.samples import Vec3
 
@@ -62,7 +60,7 @@ def test_what_the_gyro_may_have_drifted_is_doubted_across_alone() -> None:
 
 
 def test_how_somebody_walks_is_not_known_at_once() -> None:
-    gait = walked((1.4, 0.0), int(LEARNING_S) - 1)
+    gait = walked((1.4, 0.0), int(GAIT_LEARNING_S) - 1)
     for _ in range(100):  # standing about, and rolling along, teach nothing of it
         gait.learn((0.1, 0.0), 0.0, 1.0, is_stepping=True)
         gait.learn((0.0, 1.4), 0.0, 1.0, is_stepping=False)
@@ -76,7 +74,7 @@ def test_the_speed_on_foot_is_bounded_by_what_was_seen() -> None:
     assert slow.z == pytest.approx([-10.0, 0.0])
     assert slow.R[0, 0] < unknown.R[0, 0] < fast.R[0, 0]
     # Two axes share the square of the speed; 30 s of it count as one.
-    assert unknown.R[0, 0] == pytest.approx(30.0 * START_SPEED_MPS**2 / 2.0)
+    assert unknown.R[0, 0] == pytest.approx(30.0 * START_WALK_MPS**2 / 2.0)
 
 
 # -------------------------------------------------------------------------- road
