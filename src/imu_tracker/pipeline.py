@@ -23,7 +23,6 @@ from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
     GpsFix,
-    Mode,
     NavState,
     SessionHeader,
     Source,
@@ -77,11 +76,8 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
-        self._axes, self._backlog, self._spoofing = (
-            StuckAxes(),
-            Backlog(),
-            SpoofingMonitor(),
-        )
+        self._axes, self._backlog = StuckAxes(), Backlog()
+        self._spoofing = SpoofingMonitor()
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
@@ -92,12 +88,11 @@ class Pipeline:
         if source is Source.IMU:
             rows = self._close_epoch(t_ns)
             if self._axes.look(t_ns, data):
-                return self._noted(rows + self._tracker.advance(t_ns))
+                return rows + self._tracker.advance(t_ns)
             sample = self._decode(t_ns, data)
             if self._axes.clips(sample):
-                return self._noted(rows + self._tracker.advance(t_ns))
-            self._spoofing.add_sample(sample)
-            return self._noted(rows + self._tracker.on_imu(sample))
+                return rows + self._tracker.advance(t_ns)
+            return rows + self._tracker.on_imu(sample)
         rows = self.advance(t_ns)
         if source is Source.GPS:
             self._deliver(self._epochs.feed(t_ns, data))
@@ -108,13 +103,7 @@ class Pipeline:
 
         No frame of before `t_ns` may come after this.
         """
-        return self._noted(self._close_epoch(t_ns) + self._tracker.advance(t_ns))
-
-    def _noted(self, rows: list[NavState]) -> list[NavState]:
-        """Return the rows; whether the body rests is known from the last of them."""
-        if rows:
-            self._spoofing.set_rest(rows[-1].mode is Mode.STILL)
-        return rows
+        return self._close_epoch(t_ns) + self._tracker.advance(t_ns)
 
     def _close_epoch(self, t_ns: int) -> list[NavState]:
         """Complete what time alone completes, at its own instant."""
@@ -128,7 +117,8 @@ class Pipeline:
     def _deliver(self, positions: list[GpsFix | UtcTime]) -> None:
         for position in self._backlog.relieved(positions):
             if isinstance(position, GpsFix):
-                self._spoofing.add_fix(position)
+                is_standing = self._tracker.is_standing
+                self._spoofing.add_fix(position, is_standing=is_standing)
                 self._tracker.on_fix(position)
             else:
                 self._tracker.on_time(position)

@@ -259,6 +259,11 @@ class Tracker:
     # ------------------------------------------------------------------- for people
 
     @property
+    def is_standing(self) -> bool:
+        """Whether the IMU shows that the body stands, whatever the receiver says."""
+        return self._standstill.is_standing
+
+    @property
     def counters(self) -> Counter[str]:
         """Fixes by what became of them, samples by what was wrong with them."""
         fixes = Counter({f"fixes_{k}": n for k, n in self._fixes.items()})
