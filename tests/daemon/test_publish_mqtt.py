@@ -30,7 +30,6 @@ from imu_tracker.publish.thinning import Placed, Rules, Thinner
 from imu_tracker.samples import Mode
 from imu_tracker.storage.latlong import LatLongLog, LogRow, format_utc, read_rows
 from imu_tracker.storage.log_tail import TailPosition
-from log_states import state
 from published import (
     NOON_S,
     arguments,
@@ -42,6 +41,7 @@ from published import (
     working,
     write_log,
 )
+from support.log_states import state
 
 pytestmark = [
     needs_mosquitto,
