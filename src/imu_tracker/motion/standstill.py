@@ -131,7 +131,7 @@ class StandstillDetector:
 
     @property
     def is_standing(self) -> bool:
-        """Whether the IMU shows that the last rest goes on, whatever a receiver says."""
+        """Whether by the IMU alone the last rest goes on, whatever a receiver says."""
         return self._standing is not None
 
     def veto(self, until_ns: int) -> None:
