@@ -220,7 +220,6 @@ MAX_LINES = 300
 LONGER = {
     "estimation.error_state.hypotheses.alignment",
     "estimation.error_state.estimator",
-    "estimation.six_state.estimator",
     "recording.files",
     "storage.append_file",
     "storage.state_file",
