@@ -20,7 +20,7 @@ from imu_tracker.sensors.clock import MonotonicClock
 from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources.factory import imu_settings
 from imu_tracker.storage.latlong import HEADER, read_log
-from pty_receiver import PtyReceiver
+from support.pty_receiver import PtyReceiver
 
 DEADLINE_S = 20.0
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.cli import main
 from imu_tracker.config import Config, load_config
 from imu_tracker.daemon import run
@@ -19,6 +18,7 @@ from imu_tracker.simulation import simulate
 from imu_tracker.sources.feed import BATCH
 from imu_tracker.sources.played import PlayedFeed
 from imu_tracker.storage.latlong import read_log
+from support.fake_clock import FakeClock
 
 S = 1_000_000_000
 HEADER = SessionHeader(4, 500, 100)

@@ -29,7 +29,7 @@ from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources.factory import imu_settings
 from imu_tracker.sources.live import GpsFactory, ImuFactory
 from imu_tracker.storage.latlong import LatLongLog
-from simulated import METRES_PER_RAD
+from support.simulated import METRES_PER_RAD
 
 USED = (FixOutcome.INITIALISED, FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
 
@@ -274,7 +274,7 @@ class _TurningImu(ImuReader):
     """The product's reader, on a thread that takes turns."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:
@@ -289,7 +289,7 @@ class _TurningGps(GpsReader):
     """The product's reader, on a thread that takes turns."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:

@@ -122,10 +122,13 @@ def test_the_sensors_know_nothing_of_estimation_or_outputs(name: str) -> None:
         assert not is_in(module, ("estimation", "storage", "pipeline", "daemon"))
 
 
-def test_the_server_loads_neither_sensors_nor_estimation() -> None:
+@pytest.mark.parametrize("program", ["serve.server", "publish.program"])
+def test_programs_beside_the_daemon_load_neither_sensors_nor_estimation(
+    program: str,
+) -> None:
     code = (
         "import sys\n"
-        "import imu_tracker.serve.server\n"
+        f"import imu_tracker.{program}\n"
         "rooms = ('estimation', 'sensors', 'daemon', 'pipeline', 'sources')\n"
         "print([m for m in sys.modules for room in rooms"
         " if m.startswith(f'imu_tracker.{room}')], 'numpy' in sys.modules)\n"
@@ -136,12 +139,12 @@ def test_the_server_loads_neither_sensors_nor_estimation() -> None:
     assert found.stdout.strip() == "[] False"
 
 
-CLOCKS = ("estimation.tracker", "estimation.receiver.utc")
+CLOCKS = ("estimation.tracker", "estimation.rows", "estimation.receiver.utc")
 
 
 def test_estimators_know_nothing_of_the_tracker() -> None:
     for name in MODULES:
-        if not is_in(name, ("estimation",)) or name == "estimation.tracker":
+        if not is_in(name, ("estimation",)) or name in CLOCKS:
             continue
         for imported in imports_of(MODULES[name]):
             assert own(imported) not in (
@@ -166,6 +169,9 @@ DANGEROUS_METHODS = {
 SERVER = ("serve",)
 """The only room that listens; it has neither sensors nor estimation."""
 
+CLIENT = ("publish.senders",)
+"""The only room that makes requests of its own, by HTTP."""
+
 MAY_BIND = "sensors.gnss.network_port"  # udp://, which only receives
 
 
@@ -175,6 +181,7 @@ MAY_START_PROGRAMS = "setup.actions"  # by lists of words, at the user's word
 @pytest.mark.parametrize("name", MODULES)
 def test_nothing_runs_a_shell_unpickles_evaluates_or_listens(name: str) -> None:
     libraries = DANGEROUS - ({"asyncio"} if is_in(name, SERVER) else set())
+    libraries -= {"http"} if is_in(name, CLIENT) else set()
     libraries -= {"subprocess"} if name == MAY_START_PROGRAMS else set()
     methods = DANGEROUS_METHODS - ({"bind"} if name == MAY_BIND else set())
     for imported in imports_of(MODULES[name]):
@@ -216,7 +223,6 @@ MAX_LINES = 300
 LONGER = {
     "estimation.error_state.hypotheses.alignment",
     "estimation.error_state.estimator",
-    "estimation.error_state.filter",
     "estimation.six_state.estimator",
     "estimation.tracker",
     "recording.files",
