@@ -19,7 +19,7 @@ from faults.drives import LENGTH_S, Drive, S, Said, clock_ns, drive
 from faults.serial_line import SerialLine
 from faults.turns import TurnClock, Turner
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.tracker import Tracker

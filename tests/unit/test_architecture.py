@@ -254,6 +254,23 @@ def test_a_room_has_a_door_that_says_what_is_in_it(room: str) -> None:
 
 
 @pytest.mark.parametrize("room", ROOMS)
+def test_a_door_holds_no_code(room: str) -> None:
+    for node in ast.parse(MODULES[room].read_text(encoding="utf-8")).body:
+        match node:
+            case ast.Expr(value=ast.Constant(value=str())):
+                continue  # the docstring
+            case ast.ImportFrom(module=str() as module):
+                if module.startswith(f"{PACKAGE}.{room}."):
+                    continue  # a name that the room gives out
+            case ast.Assign(targets=[ast.Name(id="__all__")]):
+                continue
+        pytest.fail(
+            f"line {node.lineno} of {room}/__init__.py belongs in a module of that"
+            " room: a door has a docstring, __all__ and names from its own room"
+        )
+
+
+@pytest.mark.parametrize("room", ROOMS)
 def test_a_door_names_only_what_is_there(room: str) -> None:
     tree = ast.parse(MODULES[room].read_text(encoding="utf-8"))
     defined = {
