@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import imu_tracker
+from support.paths import REPOSITORY
 
 ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
@@ -316,6 +317,31 @@ def test_nobody_reaches_past_the_door_of_a_room(name: str) -> None:
             f"{name} imports {module}, which is not in __all__ of {room}: name it there"
             " if others may use it, or move the line into that room"
         )
+
+
+UNIT_TESTS = REPOSITORY / "tests" / "unit"
+WHOLE = {"test_architecture", "test_fake_i2c", "test_pins"}
+"""Tests of the repository as a whole and of its fakes, at the top of tests/unit/."""
+
+
+def test_unit_tests_stand_where_their_modules_stand() -> None:
+    for path in sorted(UNIT_TESTS.rglob("test_*.py")):
+        room = path.parent.relative_to(UNIT_TESTS).parts
+        if not room and path.stem in WHOLE:
+            continue
+        module = path.stem.removeprefix("test_")
+        of_the_room = bool(room) and module == room[-1] and ".".join(room) in MODULES
+        assert of_the_room or ".".join((*room, module)) in MODULES, (
+            f"{path.relative_to(REPOSITORY)} tests no module of src/imu_tracker/"
+            f"{'/'.join(room)}: move it to the folder of the room that it tests and"
+            " name it after the module, or the room; whole programs are tested in"
+            " tests/replay or tests/daemon"
+        )
+
+
+def test_helpers_of_tests_are_in_support() -> None:
+    loose = {path.name for path in UNIT_TESTS.parent.glob("*.py")} - {"conftest.py"}
+    assert not loose, f"move {sorted(loose)} from tests/ to tests/support/"
 
 
 def test_rooms_do_not_import_each_other_in_a_circle() -> None:

@@ -1,4 +1,4 @@
-"""What is known of a body in the dark: gait and road."""
+"""A gait that was learnt, as a constraint of a walker."""
 
 import math
 
@@ -8,12 +8,6 @@ from imu_tracker.estimation.error_state.constraints.pedestrian import (
     LEARNING_S,
     START_SPEED_MPS,
     Gait,
-)
-from imu_tracker.estimation.error_state.constraints.road_prior import (
-    LEAST_FORWARD_MPS2,
-    LEAST_SLOPE_RAD,
-    START_SLOPE_RAD,
-    Road,
 )
 from imu_tracker.estimation.error_state.filter import Eskf, Nominal
 from imu_tracker.estimation.error_state.states import NoiseLevel
@@ -28,9 +22,6 @@ def moving(v_n: Vec3, yaw_rad: float = 0.0, pitch_rad: float = 0.0) -> Eskf:
     q_nb = from_euler(0.0, pitch_rad, yaw_rad)
     eskf.nominal = Nominal(0, (0.0, 0.0, 0.0), v_n, q_nb)
     return eskf
-
-
-# -------------------------------------------------------------------------- gait
 
 
 def walked(v_ne: tuple[float, float], seconds: int, turned_rad: float = 0.0) -> Gait:
@@ -76,31 +67,3 @@ def test_the_speed_on_foot_is_bounded_by_what_was_seen() -> None:
     assert slow.R[0, 0] < unknown.R[0, 0] < fast.R[0, 0]
     # Two axes share the square of the speed; 30 s of it count as one.
     assert unknown.R[0, 0] == pytest.approx(30.0 * START_SPEED_MPS**2 / 2.0)
-
-
-# -------------------------------------------------------------------------- road
-
-
-def test_a_level_motorway_at_a_steady_speed_is_known_to_be_one() -> None:
-    road = Road()
-    for _ in range(1200):
-        road.observe(moving((30.0, 0.0, 0.0)), 1.0)
-    assert road.slope_sigma_rad < math.radians(2.0)
-    assert road.forward_sigma_mps2 < 0.4
-    assert road.slope_sigma_rad >= LEAST_SLOPE_RAD
-    assert road.forward_sigma_mps2 >= LEAST_FORWARD_MPS2
-
-
-def test_a_pass_road_is_steeper_than_one_had_thought() -> None:
-    road = Road()
-    for k in range(1200):
-        pitch_rad = math.radians(8.0) * (1 if k // 300 % 2 else -1)
-        road.observe(moving((10.0, 0.0, 0.0), 0.0, pitch_rad), 1.0)
-    assert road.slope_sigma_rad == pytest.approx(math.radians(8.0), rel=0.1)
-
-
-def test_who_stands_says_nothing_of_roads() -> None:
-    road = Road()
-    for _ in range(1000):
-        road.observe(moving((0.1, 0.0, 0.0)), 1.0)
-    assert road.slope_sigma_rad == START_SLOPE_RAD

@@ -1,0 +1,50 @@
+"""Slope and acceleration of a road, as priors."""
+
+import math
+
+import pytest
+
+from imu_tracker.estimation.error_state.constraints.road_prior import (
+    LEAST_FORWARD_MPS2,
+    LEAST_SLOPE_RAD,
+    START_SLOPE_RAD,
+    Road,
+)
+from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.states import NoiseLevel
+from imu_tracker.geometry.rotation import from_euler
+from imu_tracker.samples import Vec3
+
+NOISE = NoiseLevel(gyro_share=0.1, accel_share=0.1)
+
+
+def moving(v_n: Vec3, yaw_rad: float = 0.0, pitch_rad: float = 0.0) -> Eskf:
+    eskf = Eskf(NOISE, is_vehicle=True)
+    q_nb = from_euler(0.0, pitch_rad, yaw_rad)
+    eskf.nominal = Nominal(0, (0.0, 0.0, 0.0), v_n, q_nb)
+    return eskf
+
+
+def test_a_level_motorway_at_a_steady_speed_is_known_to_be_one() -> None:
+    road = Road()
+    for _ in range(1200):
+        road.observe(moving((30.0, 0.0, 0.0)), 1.0)
+    assert road.slope_sigma_rad < math.radians(2.0)
+    assert road.forward_sigma_mps2 < 0.4
+    assert road.slope_sigma_rad >= LEAST_SLOPE_RAD
+    assert road.forward_sigma_mps2 >= LEAST_FORWARD_MPS2
+
+
+def test_a_pass_road_is_steeper_than_one_had_thought() -> None:
+    road = Road()
+    for k in range(1200):
+        pitch_rad = math.radians(8.0) * (1 if k // 300 % 2 else -1)
+        road.observe(moving((10.0, 0.0, 0.0), 0.0, pitch_rad), 1.0)
+    assert road.slope_sigma_rad == pytest.approx(math.radians(8.0), rel=0.1)
+
+
+def test_who_stands_says_nothing_of_roads() -> None:
+    road = Road()
+    for _ in range(1000):
+        road.observe(moving((0.1, 0.0, 0.0)), 1.0)
+    assert road.slope_sigma_rad == START_SLOPE_RAD
