@@ -12,10 +12,10 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.error_state.warm_start import Learnt
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
-from imu_tracker.estimation.receiver.spoofing import DragWatch
+from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
 from imu_tracker.estimation.tracker import Tracker, TrackerSettings
 from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import (
@@ -76,7 +76,11 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
-        self._axes, self._backlog, self._drag = StuckAxes(), Backlog(), DragWatch()
+        self._axes, self._backlog, self._drag = (
+            StuckAxes(),
+            Backlog(),
+            SpoofingMonitor(),
+        )
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
@@ -146,9 +150,9 @@ class Pipeline:
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
 
-    def learnt(self) -> Learnt | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next session can begin with; None: nothing, or not yet."""
-        return self._tracker.learnt()
+        return self._tracker.learned_parameters()
 
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""

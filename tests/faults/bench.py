@@ -275,7 +275,7 @@ class _TakingTurns(SensorThread):
     """A sensor's thread that takes turns with the others."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:

@@ -1,6 +1,7 @@
 """An error-state filter in a state that the test chooses."""
 
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import NoiseLevel
 from imu_tracker.geometry.rotation import from_euler
 from imu_tracker.samples import Vec3

@@ -1,7 +1,7 @@
 """Standing still, by the IMU's own word.
 
 The most useful measurement there is without GPS, and the most dangerous: a creeping
-car that is believed to stand writes its turn into the gyro bias. So rest is claimed
+car that is taken to stand writes its turn into the gyro bias. So rest is claimed
 only when the vibration of a second lies below a level learnt from this very vehicle,
 the rate agrees with the bias, the force with gravity, and nothing that is known of
 the speed speaks against it.
@@ -108,7 +108,7 @@ class StandstillDetector:
         self._gyro_std = self._accel_std = math.inf
         self.vibration = Vibration()
 
-    def observe_speed(self, t_ns: int, speed_mps: float) -> None:
+    def add_speed(self, t_ns: int, speed_mps: float) -> None:
         """Hear the receiver's speed; learn the level of vibration that goes with it."""
         self._speed_mps, self._speed_ns = speed_mps, t_ns
         self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
@@ -129,7 +129,7 @@ class StandstillDetector:
         self._vetoed_until_ns = until_ns
         self._rest_since_ns = None
 
-    def add(
+    def add_step(
         self,
         step: ImuStep,
         gyro_bias_radps: Vec3,
@@ -162,14 +162,14 @@ class StandstillDetector:
         accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
         deviation = math.dist(gyro, gyro_bias_radps)
         agreed = 1.0
-        if self._receiver_rests(step.t_ns):
+        if self._receiver_stands(step.t_ns):
             is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
             agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
         stds = self._gyro_std, self._accel_std
         is_shaking = self.vibration.exceeds(*stds, factor=agreed)
         self._is_shaking, self._accel = self.vibration.exceeds(*stds), accel
         is_turning = deviation > GLIDE_TURN_RADPS + 3.0 * gyro_bias_sigma_radps
-        self._feel_braking(0.0 if is_turning else step.dt_s)
+        self._integrate_braking(0.0 if is_turning else step.dt_s)
         if is_shaking or agreed > 1.0:
             self._force = None
         is_quiet = (
@@ -185,7 +185,7 @@ class StandstillDetector:
         if self._rest_since_ns is None:
             self._rest_since_ns = step.t_ns
         duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
-        self._remember_force(accel, step.dt_s)
+        self._average_force(accel, step.dt_s)
         if duration_s < CONFIRM_S:
             return None
         return Rest(gyro, accel, duration_s, self._gyro_std)
@@ -199,7 +199,7 @@ class StandstillDetector:
             sums = _added(sums, steps.popleft(), -1.0)
         self._sums = sums
 
-    def _feel_braking(self, dt_s: float) -> None:
+    def _integrate_braking(self, dt_s: float) -> None:
         """Count down what a gliding body has still to brake; shaking ends the glide."""
         if self._is_shaking:
             self._gliding = None
@@ -234,7 +234,7 @@ class StandstillDetector:
         force, lasted_s = self._force
         return lasted_s > PULLING_AFTER_S and math.dist(force, accel) > PULLING_MPS2
 
-    def _remember_force(self, accel: Vec3, dt_s: float) -> None:
+    def _average_force(self, accel: Vec3, dt_s: float) -> None:
         """Average the force of a rest."""
         (x, y, z), lasted_s = (accel, 0.0) if self._force is None else self._force
         lasted_s = min(lasted_s + dt_s, REFERENCE_S)
@@ -243,7 +243,7 @@ class StandstillDetector:
         mean = (x + share * (ax - x), y + share * (ay - y), z + share * (az - z))
         self._force = mean, lasted_s
 
-    def _receiver_rests(self, t_ns: int) -> bool:
+    def _receiver_stands(self, t_ns: int) -> bool:
         """Whether the receiver has said for some time that the body stands."""
         return (
             self._in_hindsight

@@ -124,7 +124,7 @@ class Replay:
 
     def _remember(self) -> None:
         if self._state is not None and self._pipeline is not None:
-            self._state.remember(self._pipeline.learnt())
+            self._state.remember(self._pipeline.learned_parameters())
 
     def _keep(self, item: Frame, state: NavState) -> None:
         if self._zero_utc_s is None:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 import pytest
 
 from imu_tracker.motion.preintegration import ImuStep
-from imu_tracker.motion.step_detector import Pace
+from imu_tracker.motion.step_detector import StepDetector
 
 DT_S = 0.04
 ZERO = (0.0, 0.0, 0.0)
 
 
-def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
-    pace = Pace()
+def seconds_of(force_mps2: Callable[[float], float]) -> StepDetector:
+    step_detector = StepDetector()
     for k in range(round(20.0 / DT_S)):
         dv_b = (0.0, 0.0, -force_mps2(k * DT_S) * DT_S)
         step = ImuStep(
@@ -21,8 +21,8 @@ def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
             is_saturated=False,
             is_gap=False,
         )
-        pace.add(step)
-    return pace
+        step_detector.add_step(step)
+    return step_detector
 
 
 def shaking(amplitude_mps2: float, hz: float) -> Callable[[float], float]:

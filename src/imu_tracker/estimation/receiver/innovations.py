@@ -10,12 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.samples import GpsFix
 
 Array = NDArray[np.float64]
 
 MAX_NIS_LEVEL: Final = 9.0
-"""A receiver's own word on its noise is believed to be wrong by three at most; beyond
+"""A receiver's claim of its noise may be wrong by three at most; beyond
 that it is the filter that is wrong."""
 
 MAX_FADING: Final = 4.0
@@ -27,17 +28,15 @@ class InnovationMonitor:
 
     Attributes
     ----------
-    period_s : float
-        Between fixes.
+    period : FixPeriod
     sigma_h_m : float
         What the receiver says of itself, in the mean; 0: not yet known.
     nis_level : float
         Factor on the variance that it says.
     """
 
-    def __init__(self) -> None:
-        self._fix_ns: int | None = None
-        self.period_s = 1.0
+    def __init__(self, period: FixPeriod) -> None:
+        self.period = period
         self._nis_sum, self._n_nis = 0.0, 0
         self.start()
 
@@ -57,21 +56,13 @@ class InnovationMonitor:
         """Mean squared innovation; 2 when all is as it says."""
         return self._nis_sum / self._n_nis if self._n_nis else None
 
-    def observe_period(self, fix: GpsFix) -> None:
-        """Learn how often fixes come."""
-        if self._fix_ns is not None:
-            period = (fix.t_ns - self._fix_ns) * 1e-9
-            if 0.0 < period < 10.0:
-                self.period_s += 0.1 * (period - self.period_s)
-        self._fix_ns = fix.t_ns
-
-    def observe(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
+    def learn_noise(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
         """Take the innovation of a fix that fits, and its covariance."""
         if self.sigma_h_m == 0.0:
             self.sigma_h_m = fix.sigma_h_m
         self._n_nis += 1
         self._nis_sum += nis
-        forget = 0.2 * min(1.0, self.period_s)
+        forget = 0.2 * min(1.0, self.period.mean_s)
         self._mean = mean = self._mean + forget * (innovation - self._mean)
         scatter = innovation - mean
         ratio = 0.5 * float(scatter @ np.linalg.solve(S, scatter)) * self.nis_level

@@ -41,7 +41,7 @@ MOVED_RADPS: Final = math.radians(0.5)
 rate that differs from that of rest."""
 
 
-class DragWatch:
+class SpoofingMonitor:
     """Watches fixes for a drift that nothing else confirms.
 
     Attributes

@@ -161,12 +161,12 @@ class AttitudeFilter:
         if self._pending_s >= _PREDICT_S:
             self._predict_covariance()
 
-    def lose(self, dt_s: float) -> None:
+    def propagate_gap(self, dt_s: float) -> None:
         """Let time pass of which the gyro said nothing."""
         self._pending_s += dt_s
-        self.doubt(_LOST_TURN_RADPS * dt_s)
+        self.inflate(_LOST_TURN_RADPS * dt_s)
 
-    def doubt(self, angle_rad: float) -> None:
+    def inflate(self, angle_rad: float) -> None:
         """Let the attitude be off by so much more about any axis, at one sigma."""
         self._predict_covariance()
         P = self._kf.P + np.diag([angle_rad**2] * 3 + [0.0] * 3)
@@ -177,9 +177,9 @@ class AttitudeFilter:
         if self.tilt_sigma_rad > _LOST_TILT_SIGMA_RAD:
             self.is_level = False
         if not self.is_yaw_usable:
-            self.forget_yaw()
+            self.reset_yaw()
 
-    def forget_yaw(self) -> None:
+    def reset_yaw(self) -> None:
         """Let the next heading set the yaw outright."""
         self.has_yaw = False
 

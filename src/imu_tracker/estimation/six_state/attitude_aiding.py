@@ -23,7 +23,7 @@ REST_LEVEL_SIGMA_MPS2: Final = 0.1
 REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 """A resting vehicle still rocks: mean of a second."""
 
-_REST_VOTES: Final = 5.0  # told at 5 Hz, each the mean of a second
+_REST_CORRELATION_FACTOR: Final = 5.0  # told at 5 Hz, each the mean of a second
 
 VELOCITY_BASE_S: Final = 4.0
 """Receiver velocities are compared over so long: their noise counts once a base,
@@ -158,19 +158,19 @@ class AttitudeAiding:
             self._levelling = (0.0, (0.0, 0.0, 0.0))
             self._attitude.start(total, LEVELLING_SIGMA_RAD)
 
-    def rest(self, rest: Rest, gravity_mps2: float) -> None:
+    def update_from_rest(self, rest: Rest, gravity_mps2: float) -> None:
         """At rest the force is gravity, and the rate is the gyro's bias."""
         attitude = self._attitude
-        votes = math.sqrt(_REST_VOTES)
+        factor = math.sqrt(_REST_CORRELATION_FACTOR)
         x, y, z = rest.accel_mps2
         excess = 1.0 - gravity_mps2 / math.hypot(x, y, z)
         self.accel_bias_mps2 = (x * excess, y * excess, z * excess)
-        attitude.update_gyro_bias(rest.gyro_radps, REST_RATE_SIGMA_RADPS * votes)
+        attitude.update_gyro_bias(rest.gyro_radps, REST_RATE_SIGMA_RADPS * factor)
         kept = 1.0 - excess
         f_n = rotate(attitude.q_nb, (x * kept, y * kept, z * kept))
-        attitude.update_level(f_n, (0.0, 0.0), REST_LEVEL_SIGMA_MPS2 * votes)
+        attitude.update_level(f_n, (0.0, 0.0), REST_LEVEL_SIGMA_MPS2 * factor)
 
-    def velocity(
+    def update_from_velocity(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, gravity_mps2: float
     ) -> None:
         """Compare the receiver's change of velocity with the IMU's: the tilt."""
@@ -206,7 +206,7 @@ class AttitudeAiding:
         self._distrust = min(max(math.sqrt(square), 1.0), MAX_DISTRUST)
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 
-    def gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
+    def update_from_gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
         """Gravity tells the tilt, slowly: all there is without a receiver.
 
         Of the body's own acceleration only the part that turns it is known: rate
@@ -231,7 +231,7 @@ class AttitudeAiding:
         centripetal = (-rate * v_n[1], rate * v_n[0])
         self._attitude.update_level(f_n, centripetal, GRAVITY_SIGMA_MPS2)
 
-    def course(
+    def update_from_course(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, period_s: float
     ) -> None:
         """Take the course over ground for the heading, when fast enough."""
@@ -255,9 +255,9 @@ class AttitudeAiding:
                 course += math.pi
                 self._n_backwards += speed > REVERSE_MPS
                 if self._n_backwards >= REVERSE_FIXES:
-                    attitude.forget_yaw()
+                    attitude.reset_yaw()
                     course -= math.pi
             else:
                 self._n_backwards = 0
-        votes = max(1.0, COURSE_CORRELATION_S / period_s)
-        attitude.update_yaw(course, sigma * math.sqrt(votes))
+        factor = max(1.0, COURSE_CORRELATION_S / period_s)
+        attitude.update_yaw(course, sigma * math.sqrt(factor))

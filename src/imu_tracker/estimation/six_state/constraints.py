@@ -32,14 +32,14 @@ class VelocityMeasurement(NamedTuple):
     R: NDArray[np.float64]  # shape (m, m)
 
 
-def rest(v_n: Vec3) -> VelocityMeasurement:
+def zero_velocity(v_n: Vec3) -> VelocityMeasurement:
     """Zero velocity."""
     return VelocityMeasurement(
         -np.array(v_n), np.eye(3), np.eye(3) * REST_SPEED_SIGMA_MPS**2
     )
 
 
-def no_side_slip(
+def non_holonomic(
     v_n: Vec3,
     P_v: NDArray[np.float64],
     yaw_rad: float,
@@ -61,7 +61,7 @@ def no_side_slip(
     Notes
     -----
     0 = -sin(yaw) v_N + cos(yaw) v_E. An innovation beyond three sigma inflates R
-    to meet it: a car that slides says so with all its might, and is believed.
+    to meet it: a car that slides says so with all its might, and is estimate.
     """
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     speed = math.hypot(v_n[0], v_n[1])

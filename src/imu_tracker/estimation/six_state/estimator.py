@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.estimation.receiver.innovations import InnovationMonitor
 from imu_tracker.estimation.six_state import constraints
@@ -57,7 +58,7 @@ CRUISE_SPEED_MPS: Final = {"vehicle": 40.0, "walker": 2.0, "free": 60.0}
 """In the dark the speed's uncertainty stops growing here."""
 
 _LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
-_CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_VOTES
+_CONSTRAINT_PERIOD_S: Final = 0.2  # see CONSTRAINT_CORRELATION_FACTOR
 
 
 class SixState:
@@ -70,6 +71,8 @@ class SixState:
     lever_arm_m : Vec3, body axes
         From the chip to the antenna. The filter follows the chip, and speaks of the
         antenna.
+    fix_period : FixPeriod, optional
+        The tracker's, which sees every fix.
 
     Notes
     -----
@@ -77,7 +80,12 @@ class SixState:
     u = C_nb (dv_b / dt - b_a) + g_n.
     """
 
-    def __init__(self, profile: str, lever_arm_m: Vec3 = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        profile: str,
+        lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
+        fix_period: FixPeriod | None = None,
+    ) -> None:
         self._profile = profile
         self._lever_arm_m = lever_arm_m if any(lever_arm_m) else None
         self._cruise_var = CRUISE_SPEED_MPS[profile] ** 2
@@ -86,8 +94,8 @@ class SixState:
         self._gate = Gate(profile)
         self._kf = PositionFilter()
         # Of the whole run, not of an instant: never taken back.
-        self._monitor = InnovationMonitor()
-        self._doubt_m = 0.0
+        self._monitor = InnovationMonitor(fix_period or FixPeriod())
+        self._ambiguity_m = 0.0
         # Of an instant: what a snapshot holds.
         self._is_started = False
         self._frame = LocalFrame.at(0.0, 0.0)
@@ -95,7 +103,7 @@ class SixState:
         self._alt_origin_m: float | None = None
         self._a_n: Vec3 = (0.0, 0.0, 0.0)
         self._rate_b_radps: Vec3 = (0.0, 0.0, 0.0)
-        self._dark_s = 0.0
+        self._outage_s = 0.0
         self._drift_m = (0.0, 0.0)
         self._constraint_due_s = 0.0
         self._is_resting = False
@@ -110,12 +118,12 @@ class SixState:
         self._kf.x = np.zeros(6)
         any_speed = 0.25 * self._cruise_var
         self._kf.P = np.diag([sigma_m**2] * 2 + [1e4] + [any_speed] * 2 + [1.0])
-        self._dark_s, self._drift_m = 0.0, (0.0, 0.0)
+        self._outage_s, self._drift_m = 0.0, (0.0, 0.0)
         self._monitor.start()
         self._is_started = True
 
     def estimate(self) -> Estimate:
-        """What is believed at the end of the last step."""
+        """The estimate at the end of the last step."""
         north, east, down, vn, ve, vd = self._kf.x.tolist()
         q_nb = self._attitude.q_nb
         if self._lever_arm_m is not None:
@@ -124,7 +132,7 @@ class SixState:
             vn, ve, vd = vn + un, ve + ue, vd + ud
         lat, lon = self._frame.to_lat_lon(north, east)
         alt = None if self._alt_origin_m is None else self._alt_origin_m - down
-        r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._doubt_m)
+        r95 = max(r95_of(self._position_cov_m2(vn, ve)), self._ambiguity_m)
         return Estimate(lat, lon, alt, (vn, ve, vd), q_nb, min(r95, _LARGEST_RADIUS_M))
 
     def _position_cov_m2(self, vn: float, ve: float) -> NDArray[np.float64]:
@@ -178,7 +186,7 @@ class SixState:
             self._alt_origin_m,
             self._a_n,
             self._rate_b_radps,
-            self._dark_s,
+            self._outage_s,
             self._drift_m,
             self._constraint_due_s,
             self._is_resting,
@@ -199,7 +207,7 @@ class SixState:
             self._alt_origin_m,
             self._a_n,
             self._rate_b_radps,
-            self._dark_s,
+            self._outage_s,
             self._drift_m,
             self._constraint_due_s,
             self._is_resting,
@@ -215,7 +223,7 @@ class SixState:
             "gyro_bias_sigma_dps": math.degrees(sigma),
             "tilt_sigma_deg": math.degrees(self._attitude.tilt_sigma_rad),
             "yaw_sigma_deg": math.degrees(self._attitude.yaw_sigma_rad),
-            "fix_period_s": self._monitor.period_s,
+            "fix_period_s": self._monitor.period.mean_s,
             "nis_mean": self._monitor.nis_mean,
         }
 
@@ -228,7 +236,7 @@ class SixState:
         self._is_resting = rest is not None
         clipped_mps = 0.0
         if step.is_gap:
-            attitude.lose(dt)
+            attitude.propagate_gap(dt)
             self._a_n, can_rotate = (0.0, 0.0, 0.0), False
         else:
             # The increment is in body axes at the start of the step: rotate first.
@@ -240,7 +248,7 @@ class SixState:
             attitude.propagate(step)
             if step.is_saturated:
                 # A reading that was clipped may be off by as much as it says.
-                attitude.doubt(math.hypot(tx, ty, tz))
+                attitude.inflate(math.hypot(tx, ty, tz))
                 clipped_mps = math.hypot(*dv_b)
             can_rotate = attitude.is_level
             self._a_n = (dvn / dt, dve / dt, dvd / dt + self._gravity_mps2)
@@ -251,15 +259,15 @@ class SixState:
         if self._constraint_due_s <= 0.0:
             self._constraint_due_s = _CONSTRAINT_PERIOD_S
             if rest is not None:
-                self._aiding.rest(rest, self._gravity_mps2)
-            self._aiding.gravity(self._kf.v_n, self._gravity_mps2)
+                self._aiding.update_from_rest(rest, self._gravity_mps2)
+            self._aiding.update_from_gravity(self._kf.v_n, self._gravity_mps2)
             if self._is_started:
                 self._constrain(rest is not None, can_rotate)
 
     def _predict(self, dt: float, can_rotate: bool, clipped_mps: float) -> None:
         """Kalman prediction with the acceleration as input."""
         attitude, P = self._attitude, self._kf.P
-        self._dark_s += dt
+        self._outage_s += dt
         vn, ve, _ = self._kf.v_n
         sigma_yaw = attitude.yaw_sigma_rad
         an = ae = ad = 0.0
@@ -275,7 +283,7 @@ class SixState:
                 + (an * an + ae * ae) * sigma_yaw**2
             )
             # Rest is seen anew all the time.
-            lasted_s = 0.0 if self._is_resting else self._dark_s
+            lasted_s = 0.0 if self._is_resting else self._outage_s
             psd = ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
             psd_down = ACCEL_NOISE_PSD + ACCEL_BIAS_SIGMA_MPS2**2
             dn, de = self._drift_m
@@ -289,10 +297,10 @@ class SixState:
         """Apply what the body cannot do."""
         attitude, v_n = self._attitude, self._kf.v_n
         if is_resting:
-            self._kf.constrain(constraints.rest(v_n))
+            self._kf.update_constraint(constraints.zero_velocity(v_n))
         elif self._profile == "vehicle" and can_rotate and attitude.is_yaw_usable:
-            self._kf.constrain(
-                constraints.no_side_slip(
+            self._kf.update_constraint(
+                constraints.non_holonomic(
                     v_n,
                     self._kf.P[3:, 3:],
                     attitude.yaw_rad,
@@ -300,7 +308,7 @@ class SixState:
                     self._aiding.rate_down_radps,
                 )
             )
-        if self._dark_s > 3.0:
+        if self._outage_s > 3.0:
             self._move_frame()
 
     # ------------------------------------------------------------- with each fix
@@ -315,7 +323,7 @@ class SixState:
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
         monitor = self._monitor
-        monitor.observe_period(fix)
+        monitor.period.add_fix(fix)
         z, z_v = self._measured_ne(fix, ahead_s)
         # The way travelled under a wrong yaw becomes part of P before it is weighed.
         drift = np.zeros(6)
@@ -335,22 +343,22 @@ class SixState:
                 return FixOutcome.REACQUIRED
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self._doubt_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
+                self._ambiguity_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
             return FixOutcome.OUTLIER
-        self._doubt_m = 0.0
-        monitor.observe(fix, innovation, S, nis)
-        votes = max(1.0, 1.0 / monitor.period_s)
-        parked = 2.0 * PARKED_CORRELATION_S / monitor.period_s
-        weight = parked if self._is_resting else votes
-        self._kf.measure(z, slice(0, 2), variance * weight)
+        self._ambiguity_m = 0.0
+        monitor.learn_noise(fix, innovation, S, nis)
+        factor = max(1.0, 1.0 / monitor.period.mean_s)
+        parked = 2.0 * PARKED_CORRELATION_S / monitor.period.mean_s
+        weight = parked if self._is_resting else factor
+        self._kf.update(z, slice(0, 2), variance * weight)
         self._update_altitude(fix, variance * weight)
         sigma_v = math.hypot(
             VELOCITY_SIGMA_MPS, LATENCY_SIGMA_S * math.hypot(*self._a_n[:2])
         )
         if z_v is not None and not self._is_resting:
-            self._kf.measure_velocity(z_v, sigma_v**2 * votes)
+            self._kf.update_velocity(z_v, sigma_v**2 * factor)
         self._aid(fix, sigma_v)
-        self._dark_s = 0.0
+        self._outage_s = 0.0
         self._move_frame()
         return FixOutcome.ACCEPTED
 
@@ -370,24 +378,30 @@ class SixState:
     def _update_altitude(self, fix: GpsFix, variance: float) -> None:
         if fix.alt_m is None:
             # Nothing else holds the vertical channel.
-            self._kf.measure(np.zeros(1), slice(5, 6), 1.0)
+            self._kf.update(np.zeros(1), slice(5, 6), 1.0)
             return
         if self._alt_origin_m is None:
             self._alt_origin_m = fix.alt_m
             self._kf.x = self._kf.x * [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
         z = np.array([self._alt_origin_m - fix.alt_m])
-        self._kf.measure(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
+        self._kf.update(z, slice(2, 3), variance * ALTITUDE_FACTOR**2)
 
     def _aid(self, fix: GpsFix, sigma_v: float) -> None:
         """Let the fix correct the attitude."""
         if fix.vel_ne_mps is not None:
-            self._aiding.velocity(fix.vel_ne_mps, sigma_v, self._gravity_mps2)
+            self._aiding.update_from_velocity(
+                fix.vel_ne_mps, sigma_v, self._gravity_mps2
+            )
             if not self._is_resting:
-                self._aiding.course(fix.vel_ne_mps, sigma_v, self._monitor.period_s)
+                self._aiding.update_from_course(
+                    fix.vel_ne_mps, sigma_v, self._monitor.period.mean_s
+                )
         elif not self._is_resting:
             vn, ve = self._kf.x[3:5].tolist()
             _, sigma = self.speed()
-            self._aiding.course((vn, ve), sigma, self._monitor.period_s)
+            self._aiding.update_from_course(
+                (vn, ve), sigma, self._monitor.period.mean_s
+            )
 
     def _restart(self, fix: GpsFix) -> None:
         """Begin anew from the receiver; the attitude stays."""
@@ -395,7 +409,7 @@ class SixState:
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self._alt_origin_m = alt_m
         self._monitor.start(fix.sigma_h_m)
-        self._doubt_m = 0.0
+        self._ambiguity_m = 0.0
         if fix.vel_ne_mps is not None:
             self._kf.x = np.array([0.0, 0.0, 0.0, *fix.vel_ne_mps, 0.0])
             variances = [fix.sigma_h_m**2] * 2 + [1e4] + [1.0] * 3

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.receiver.spoofing import DRAWN_M, DragWatch
+from imu_tracker.estimation.receiver.spoofing import DRAWN_M, SpoofingMonitor
 from imu_tracker.samples import ImuSample
 from support.fixes import fix
 
@@ -17,9 +17,9 @@ def watched(
     north_m: Callable[[float], float],
     v_north_mps: Callable[[float], float | None],
     accel_mps2: Callable[[float], float] | None = None,
-) -> DragWatch:
+) -> SpoofingMonitor:
     """Let a receiver speak; with an IMU that rests for 10 s when it is given."""
-    watch = DragWatch()
+    watch = SpoofingMonitor()
     rng = np.random.default_rng(5)
     for second in range(seconds):
         if accel_mps2 is not None:
@@ -60,7 +60,7 @@ def test_a_leap_is_the_gates_affair() -> None:
 def test_a_leap_second_is_no_way() -> None:
     # By UTC the second epoch after it comes a second after the last one before it, by
     # the clock two; that one in between has the time of the last one, and is dropped.
-    watch = DragWatch()
+    watch = SpoofingMonitor()
     for second in range(200):
         here = fix(second, north_m=70.0 * second, v_north_mps=70.0)
         assert here.utc_s is not None

@@ -30,8 +30,8 @@ LEARNING_S: Final = 15.0
 SPEED_LEARNING_S: Final = 60.0
 """A direction lasts from corner to corner, a speed as long as somebody's company."""
 
-GOING_ON_LASTS_S: Final = 15.0
-BOUND_LASTS_S: Final = 30.0
+GOING_ON_CORRELATION_S: Final = 15.0
+BOUND_CORRELATION_S: Final = 30.0
 """For so long one such measurement is the same as the next."""
 
 DIRECTION_SIGMA_RAD: Final = math.radians(5.0)
@@ -47,7 +47,7 @@ class Gait:
         self._speed_square = START_SPEED_MPS**2
         self._learnt_s = 0.0
 
-    def observe(
+    def learn(
         self,
         v_ne_mps: tuple[float, float],
         turned_rad: float,
@@ -79,17 +79,17 @@ class Gait:
         self._own = (a + share * (x - a), b + share * (y - b))
         self._scatter_var += period_s / LEARNING_S * (off_var - self._scatter_var)
 
-    def bounded(self, eskf: Eskf, period_s: float) -> Measurement:
+    def speed_bound(self, eskf: Eskf, period_s: float) -> Measurement:
         """Speed of somebody on foot: 0 = v, as large as it was in the last minutes."""
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = -np.array(eskf.nominal.v_n[:2])
-        votes = max(1.0, BOUND_LASTS_S / period_s)
+        factor = max(1.0, BOUND_CORRELATION_S / period_s)
         variance = max(0.5 * self._speed_square, LEAST_SCATTER_MPS**2)
-        return Measurement(z, H, np.eye(2) * votes * variance)
+        return Measurement(z, H, np.eye(2) * factor * variance)
 
-    def goes_on(
-        self, eskf: Eskf, turned_rad: float, dark_s: float, period_s: float
+    def continued_velocity(
+        self, eskf: Eskf, turned_rad: float, outage_s: float, period_s: float
     ) -> Measurement | None:
         """Velocity of somebody who walks on as he went; None: not known yet.
 
@@ -103,11 +103,11 @@ class Gait:
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = np.array([vn, ve]) - eskf.nominal.v_n[:2]
-        drift_var = eskf.down_bias[1] * dark_s**2 + DIRECTION_SIGMA_RAD**2
+        drift_var = eskf.down_bias[1] * outage_s**2 + DIRECTION_SIGMA_RAD**2
         across = np.array([-ve, vn])
         scatter_var = max(self._scatter_var, LEAST_SCATTER_MPS**2)
-        votes = max(1.0, GOING_ON_LASTS_S / period_s)
-        R = votes * (scatter_var * np.eye(2) + drift_var * np.outer(across, across))
+        factor = max(1.0, GOING_ON_CORRELATION_S / period_s)
+        R = factor * (scatter_var * np.eye(2) + drift_var * np.outer(across, across))
         return Measurement(z, H, R)
 
 

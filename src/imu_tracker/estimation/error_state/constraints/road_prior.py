@@ -30,7 +30,7 @@ ROLLING_MPS: Final = 3.0
 """Who stands or parks says nothing of roads."""
 
 
-class Road:
+class RoadPrior:
     """Learns the spreads of slope and of forward acceleration while the receiver sees.
 
     Attributes
@@ -59,7 +59,7 @@ class Road:
         """How hurried, one sigma of the mean of a second."""
         return max(math.sqrt(self._forward_var), LEAST_FORWARD_MPS2)
 
-    def observe(self, eskf: Eskf, period_s: float) -> None:
+    def learn(self, eskf: Eskf, period_s: float) -> None:
         """Take a stretch of a drive whose velocity and attitude are known."""
         if math.hypot(*eskf.nominal.v_n[:2]) < ROLLING_MPS:
             return

@@ -35,7 +35,7 @@ SLIP_RAD_PER_MPS2: Final = 0.004
 VERTICAL_RATIO: Final = 6.0
 """Vertical over lateral: hills change, springs travel, the box is not at the axle."""
 
-ERROR_LASTS_S: Final = 0.3
+ERROR_CORRELATION_S: Final = 0.3
 """Errors of a constraint are correlated: applied more often than this, R grows."""
 
 SOFT_GATE: Final = 3.0
@@ -49,7 +49,7 @@ REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 REST_SHAKING_SHARE: Final = 0.1
 """Of what the gyro shakes by, this is left of the mean of a second."""
 
-REST_LASTS_S: Final = 1.0
+REST_CORRELATION_S: Final = 1.0
 """The mean of a second's samples is told afresh once a second."""
 
 GENTLE_STOP_MPS: Final = 1.0
@@ -57,12 +57,12 @@ GENTLE_STOP_S: Final = 2.0
 """Who stops gently is quiet before he stands: speed that may be left, and how fast it
 fades. After a minute in the dark each metre per second of it is worth thirty metres."""
 
-SLOPE_LASTS_S: Final = 10.0
-FORWARD_LASTS_S: Final = 5.0
+SLOPE_CORRELATION_S: Final = 10.0
+FORWARD_CORRELATION_S: Final = 5.0
 """A slope lasts 150 m; braking and speeding up end after some seconds."""
 
 
-def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
+def non_holonomic(eskf: Eskf, period_s: float) -> Measurement:
     """Zero velocity across and, weakly, along the vehicle's vertical.
 
     Notes
@@ -84,14 +84,14 @@ def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
     H[0, AXLE] = -rate
     z = np.array([eskf.axle_m * rate - right, -down])
     slip = SLIP_RAD_PER_MPS2 * lateral_mps2 * ahead
-    votes = max(1.0, ERROR_LASTS_S / period_s)
-    lateral_var = votes * (LATERAL_SIGMA_MPS**2 + slip**2)
-    vertical_var = votes * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
+    factor = max(1.0, ERROR_CORRELATION_S / period_s)
+    lateral_var = factor * (LATERAL_SIGMA_MPS**2 + slip**2)
+    vertical_var = factor * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
     R = np.diag([lateral_var, vertical_var])
-    return softened(eskf, Measurement(z, H, R))
+    return soft_gated(eskf, Measurement(z, H, R))
 
 
-def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
+def zero_velocity(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
     """Zero velocity and zero rate: the mean rate of a second is the gyro's bias."""
     H = np.zeros((6, N_ERRORS))
     H[0:3, VELOCITY] = np.eye(3)
@@ -102,15 +102,15 @@ def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
             np.subtract(seen.gyro_radps, eskf.gyro_bias_radps),
         ]
     )
-    votes = max(1.0, REST_LASTS_S / period_s)
+    factor = max(1.0, REST_CORRELATION_S / period_s)
     left_mps = GENTLE_STOP_MPS * math.exp(-seen.duration_s / GENTLE_STOP_S)
-    speed_var = votes * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
+    speed_var = factor * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
     shaken_radps = REST_SHAKING_SHARE * seen.gyro_std_radps
-    rate_var = votes * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
+    rate_var = factor * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
     return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
 
 
-def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
+def road_slope_prior(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
     """Roads are nearly level: the vehicle's pitch is 0, as steep as roads are here.
 
     Notes
@@ -126,11 +126,13 @@ def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
     H[0, MOUNT_PITCH] = C_vn[2, 2]
     H[0, MOUNT_YAW] = -C_vn[1, 2]
     z = np.array([-C_vn[0, 2]])
-    votes = max(1.0, SLOPE_LASTS_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_rad**2]])))
+    factor = max(1.0, SLOPE_CORRELATION_S / period_s)
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_rad**2]])))
 
 
-def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
+def longitudinal_accel_prior(
+    eskf: Eskf, sigma_mps2: float, period_s: float
+) -> Measurement:
     """Own forward acceleration of the last second is small in the mean.
 
     Notes
@@ -146,11 +148,11 @@ def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
     H[0, ACCEL_BIAS] = -(C_vn[0] @ matrix(eskf.nominal.q_nb))
     H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
     z = np.array([-a_v[0]])
-    votes = max(1.0, FORWARD_LASTS_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_mps2**2]])))
+    factor = max(1.0, FORWARD_CORRELATION_S / period_s)
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_mps2**2]])))
 
 
-def softened(eskf: Eskf, measured: Measurement) -> Measurement:
+def soft_gated(eskf: Eskf, measured: Measurement) -> Measurement:
     """Inflate R where an innovation lies beyond the soft gate, row by row."""
     z, H, R = measured
     predicted: Array = np.einsum("ij,jk,ik->i", H, eskf.P, H)

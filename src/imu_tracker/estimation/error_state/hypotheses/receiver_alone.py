@@ -30,7 +30,7 @@ RESTART_FIXES: Final = 3
 SETTLING_NS: Final = 3_000_000_000
 """Until then after a start its predictions are not compared."""
 
-SPEED_LASTS_S: Final = 30.0
+SPEED_CORRELATION_S: Final = 30.0
 """Correlation time of the velocity's deviation: roads turn and lights change, so that
 it does not grow without a limit."""
 
@@ -168,7 +168,7 @@ class ReceiverAlone:
 
     def _grown(self, dt_s: float, accel_psd: float) -> Array:
         F = np.array([[1.0, dt_s], [0.0, 1.0]])
-        tau = SPEED_LASTS_S
+        tau = SPEED_CORRELATION_S
         once, twice = 1.0 - math.exp(-dt_s / tau), 1.0 - math.exp(-2.0 * dt_s / tau)
         q_pp = tau**2 * (dt_s - 2.0 * tau * once + 0.5 * tau * twice)
         q_pv, q_vv = 0.5 * (tau * once) ** 2, 0.5 * tau * twice
