@@ -12,15 +12,15 @@ from typing import TypeAlias
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.cli import main
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.recording.files import RecordingWriter
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.storage.latlong import read_log
-from nmea_text import rmc
+from support.fake_clock import FakeClock
+from support.nmea_text import rmc
 
 S = 1_000_000_000
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)

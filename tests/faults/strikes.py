@@ -17,7 +17,7 @@ from faults.drives import S, Said, clock_ns
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sources.live import MAX_WAITING
 from imu_tracker.storage.latlong import HEADER
-from small_disk import SmallDisk
+from support.small_disk import SmallDisk
 
 # ------------------------------------------------------------------- the bus, the chip
 

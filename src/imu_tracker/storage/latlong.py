@@ -22,7 +22,7 @@ from imu_tracker.storage.log_text import format_row as format_row
 from imu_tracker.storage.log_text import format_utc as format_utc
 from imu_tracker.storage.log_text import utc_ms_of, utc_s_of
 from imu_tracker.storage.rotated_files import RotatedFiles
-from imu_tracker.storage.torn_lines import end_of_lines, is_kin, read_lines
+from imu_tracker.storage.torn_lines import end_of_lines, is_our_format, read_lines
 
 HEADER: Final = "time_utc,lat_deg,lon_deg,alt_m,speed_mps,course_deg,r95_m,mode"
 
@@ -186,7 +186,7 @@ def _first_utc(path: Path) -> str | None:
 
 LAYOUT: Final = Layout(
     partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole),
-    partial(is_kin, first_words=b"time_utc,", is_whole=_is_whole),
+    partial(is_our_format, first_words=b"time_utc,", is_whole=_is_whole),
     _first_utc,
 )
 
