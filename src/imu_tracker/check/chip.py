@@ -23,6 +23,12 @@ def why_broken(samples: list[ImuSample], stuck: tuple[str, ...] = ()) -> str:
         return f"{', '.join(stuck)} stands, the chip is broken"
     if not any(any((*s.accel_mps2, *s.gyro_radps)) for s in samples):
         return "all axes give exactly zero, the chip is broken"
+    for sensor, axes in (
+        ("accelerometer", [s.accel_mps2 for s in samples]),
+        ("gyroscope", [s.gyro_radps for s in samples]),
+    ):
+        if len(set(axes)) == 1:  # noise alone moves a sound one by some counts
+            return f"the {sensor} never changes its values, the chip is broken"
     gravity_g, rate_dps, _ = means(samples)
     for axis, name in enumerate("xyz"):
         values = {sample.accel_mps2[axis] for sample in samples}

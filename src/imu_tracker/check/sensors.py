@@ -5,7 +5,6 @@ things, with the code that the daemon uses.
 """
 
 import contextlib
-import itertools
 import os
 import queue
 import shutil
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.check import network_ports
+from imu_tracker.check import network_ports, serial_ports
 from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -129,11 +128,13 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
     epochs = EpochReader(date=config.gps.date, earliest_utc_s=release_utc_s())
     health, kinds, utc_s = _listen(config, clock, epochs)
     if health.state is GpsState.CLOSED:
-        yield _unavailable("GPS port", _why_closed(port, health.detail))
+        ports = network_ports if "://" in port else serial_ports
+        why = ports.why_closed(port, health.detail)
+        yield _unavailable("GPS port", f"{port}: {why}" if "://" in port else why)
         return
     if health.state is not GpsState.OK:
         advice = network_ports.why_useless(port, health.state)
-        advice = advice or _GPS_ADVICE[health.state]
+        advice = advice or serial_ports.WHY_USELESS[health.state]
         yield _unavailable("GPS port", f"{port}: {advice}")
         return
     speed = "" if "://" in port else f" at {health.baud} baud"
@@ -165,19 +166,6 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
 
 
 _SELFTEST: Final = "run imu-tracker selftest; another chip if that fails too"
-
-_GPS_ADVICE: Final = {
-    GpsState.SILENT: (
-        "not a byte: is the receiver powered, its TX on our RX, and the serial port on "
-        "(sudo raspi-config nonint do_serial_hw 0)?"
-    ),
-    GpsState.SEARCHING: (
-        "bytes, but no sentence at any speed: not NMEA, or a bad connection"
-    ),
-    GpsState.GARBAGE: (
-        "bytes, but no sentence: not NMEA, a wrong gps.baud, or a bad connection"
-    ),
-}
 
 
 def _check_future(path: Path, utc_s: float) -> Iterator[Finding]:
@@ -233,23 +221,6 @@ def _kind(line: bytes) -> str:
         return checked_text(line)[2:5]
     except NmeaError:
         return ""
-
-
-def _why_closed(port: str, detail: str) -> str:
-    if "://" in port:
-        return f"{port}: {network_ports.why_closed(port, detail)}"
-    path = Path(port)
-    if not path.exists():
-        patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
-        found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
-        others = ", ".join(map(str, found)) or "no serial port"
-        advice = "set gps.port"
-        if path.name in mending.UARTS:
-            advice = f"{mending.switch_uart_on()}; or {advice}"
-        return f"{port} does not exist (there is {others}): {advice}"
-    if not os.access(path, os.R_OK | os.W_OK):
-        return f"no permission for {port}: {mending.join_group(path, 'dialout')}"
-    return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
 
 
 def check_recording(config: Config) -> Finding:

@@ -219,6 +219,30 @@ def test_an_axis_that_stands_is_broken_though_the_chip_lies_still(
     assert "stands, the chip is broken: run imu-tracker selftest" in found["IMU"]
 
 
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        # m-rtijn/mpu6050#28: accelerometer zero, gyro x -156.18 deg/s, always.
+        ("000000000000 0cb2 d80000000000", "the accelerometer never changes"),
+        # hybridgroup/gobot#236: plausible values that stay though it is moved.
+        ("000000000002 0cb2 00010002ffff", "the accelerometer never changes"),
+        ("0000000000000000000000000000", "all axes give exactly zero"),
+    ],
+)
+def test_a_chip_whose_values_never_change_is_broken(
+    counts: str,
+    said: str,
+    bench: Bench,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bench.chip, "_measure", lambda t_ns: bytes.fromhex(counts))
+    code, found = check(capsys)
+    assert code == 69
+    assert said in found["IMU"]
+    assert "run imu-tracker selftest" in found["IMU"]
+
+
 class _Clock(FakeMpu6050):
     """A clock chip: 19 registers that repeat."""
 
@@ -347,7 +371,10 @@ def test_a_port_that_is_there_and_closed_says_why(
     bench.health = bench.health._replace(state=GpsState.CLOSED, detail="busy")
     Path("port").touch()
     found = check(capsys, "gps.port=port")[1]
-    assert "port: busy: does another program" in found["GPS port"]
+    assert (
+        "port: busy: another program has it; if that is gpsd, set gps.port"
+        in found["GPS port"]
+    )
     found = check(capsys, "gps.port=socket://nowhere:1")[1]
     assert "socket://nowhere:1: busy: is the other side there" in found["GPS port"]
     found = check(capsys, "gps.port=gpsd://nowhere:1")[1]
