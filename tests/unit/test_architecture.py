@@ -219,10 +219,6 @@ MAX_FILES = 11
 MAX_LINES = 300
 LONGER = {
     "estimation.error_state.hypotheses.alignment",
-    "estimation.error_state.estimator",
-    "recording.files",
-    "storage.append_file",
-    "storage.state_file",
 }
 """Modules still longer than that; none may be added."""
 
