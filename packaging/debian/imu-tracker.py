@@ -5,6 +5,6 @@ import sys
 
 sys.path.insert(0, "/usr/lib/imu-tracker")
 
-from imu_tracker.cli import main  # noqa: E402
+from imu_tracker.cli import main
 
 sys.exit(main())

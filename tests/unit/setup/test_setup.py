@@ -21,7 +21,7 @@ from imu_tracker.setup.boot_config import BootConfig, NotUnderstoodError, Settin
 from imu_tracker.setup.kernel_command import consoles_on, without_consoles
 from imu_tracker.setup.machine import Machine
 
-BOOT_FILES = Path(__file__).parents[1] / "boot_files"
+BOOT_FILES = Path(__file__).parents[2] / "boot_files"
 
 I2C = Setting(("i2c_arm", "i2c"), "on", is_parameter=True)
 UART = Setting(("enable_uart",), "1", is_parameter=False)
