@@ -14,7 +14,13 @@ from typing import Any
 
 import pytest
 
-from brokers import (
+from imu_tracker.publish import worker as worker_module
+from imu_tracker.publish.senders.mqtt import WINDOW
+from imu_tracker.publish.thinning import Placed, Rules, Thinner
+from imu_tracker.samples import Mode
+from imu_tracker.storage.latlong import LatLongLog, LogRow, format_utc, read_rows
+from imu_tracker.storage.log_tail import TailPosition
+from support.brokers import (
     Broker,
     Certificates,
     Sent,
@@ -24,14 +30,8 @@ from brokers import (
     needs_mosquitto,
     until,
 )
-from imu_tracker.publish import worker as worker_module
-from imu_tracker.publish.senders.mqtt import WINDOW
-from imu_tracker.publish.thinning import Placed, Rules, Thinner
-from imu_tracker.samples import Mode
-from imu_tracker.storage.latlong import LatLongLog, LogRow, format_utc, read_rows
-from imu_tracker.storage.log_tail import TailPosition
-from log_states import state
-from published import (
+from support.log_states import state
+from support.published import (
     NOON_S,
     arguments,
     drive,

@@ -10,7 +10,7 @@ from imu_tracker.config import Config, load_config
 from imu_tracker.config.publishing import PublishConfig, endpoint_of
 from imu_tracker.errors import ConfigError
 
-DOCUMENTED = Path(__file__).parents[2] / "config" / "imu-tracker.toml"
+DOCUMENTED = Path(__file__).parents[3] / "config" / "imu-tracker.toml"
 HOME = ("publish.home.kind=mqtt", "publish.home.url=mqtt://broker")
 
 
