@@ -14,9 +14,9 @@ from imu_tracker.commands.status import read_status
 from imu_tracker.errors import NotRunningError
 
 _DESCRIPTION = """\
-Read the configuration, look for the chip, the receiver and the place of the log, and
-say how to mend what is missing. Ends with 0, or with the code of the first problem. The
-sensors of a daemon that runs are left alone."""
+Read the configuration, look for the chip, the receiver and the place of the log, try
+each destination of [[publish]], and say how to mend what is missing. Ends with 0, or
+with the code of the first problem. The sensors of a daemon that runs are left alone."""
 
 _EXAMPLES = """\
   imu-tracker check --config /etc/imu-tracker/imu-tracker.toml
@@ -37,6 +37,7 @@ def run_check(args: argparse.Namespace) -> int:
     """Print a table of what was found."""
     config = config_of(args)
 
+    from imu_tracker.check.destinations import check_destinations
     from imu_tracker.check.sensors import check_outputs, check_sensors
     from imu_tracker.sensors.clock import MonotonicClock
 
@@ -52,7 +53,8 @@ def run_check(args: argparse.Namespace) -> int:
         text = f"it runs (process {status.get('pid')}) and has the sensors: see status"
         _print("ok", "daemon", text)
     exit_code = 0
-    for finding in itertools.chain(sensors, check_outputs(config)):
+    findings = (sensors, check_outputs(config), check_destinations(config))
+    for finding in itertools.chain(*findings):
         _print(finding.verdict, finding.what, finding.text)
         exit_code = exit_code or finding.exit_code
     return exit_code
