@@ -28,7 +28,7 @@ def test_a_cursor_outlasts_its_process(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o640
 
 
-def test_a_cursor_is_saved_at_most_once_in_five_seconds(tmp_path: Path) -> None:
+def test_a_cursor_is_saved_at_most_once_in_four_seconds(tmp_path: Path) -> None:
     path = tmp_path / "cursor-home.json"
 
     def saved() -> float:
