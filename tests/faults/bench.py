@@ -274,7 +274,7 @@ class _TurningImu(ImuReader):
     """The product's reader, on a thread that takes turns."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:
@@ -289,7 +289,7 @@ class _TurningGps(GpsReader):
     """The product's reader, on a thread that takes turns."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:

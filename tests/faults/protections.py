@@ -10,7 +10,7 @@ from typing import Final
 from faults.removal import Protection, fails_without
 from imu_tracker.estimation.receiver.backlog import Backlog
 from imu_tracker.estimation.receiver.gate import Gate
-from imu_tracker.estimation.receiver.spoofing import DragWatch
+from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
 from imu_tracker.estimation.receiver.utc import UtcClock
 from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.preintegration import Preintegrator
@@ -282,7 +282,7 @@ PROTECTIONS: Final = (
     Protection(
         trap="a receiver that is led astray",
         protection="places against its own velocities",
-        where=DragWatch.on_fix,
+        where=SpoofingMonitor.add_fix,
         line="self._drawn_by_position(fix)",
         without="0.0",
         test="[places drawn away at 1 m/s-moving]",
@@ -290,7 +290,7 @@ PROTECTIONS: Final = (
     Protection(
         trap="a receiver that is led astray, parked",
         protection="places against a resting IMU",
-        where=DragWatch.on_fix,
+        where=SpoofingMonitor.add_fix,
         line="self._drawn_at_rest(fix)",
         without="0.0",
         test="[places and speed drawn away, parked-still]",
@@ -307,14 +307,14 @@ PROTECTIONS: Final = (
         trap="late fixes drag the track back",
         protection="they count at their own instant",
         where=Tracker.on_fix,
-        line="fix.t_ns - self._latency_ns",
+        line="self._utc.instant_of(fix)",
         without="fix.t_ns",
         test="tests/unit/estimation/test_tracker.py",
     ),
     Protection(
         trap="a leap second dates fixes wrong",
         protection="whole seconds are in doubt, then believed",
-        where=UtcClock.observe,
+        where=UtcClock.add_epoch,
         line="not is_leap",
         without="True",
         test="[a leap second-moving]",
@@ -323,8 +323,8 @@ PROTECTIONS: Final = (
         trap="rows follow a leap second slowly",
         protection="r95 grows by what they are dated wrong",
         where=Tracker._row,
-        line="believed.r95_m + way_m",
-        without="believed.r95_m",
+        line="estimate.r95_m + way_m",
+        without="estimate.r95_m",
         test="tests/unit/estimation/test_tracker.py",
     ),
     Protection(

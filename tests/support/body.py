@@ -59,5 +59,5 @@ def steps_of(
 ) -> Iterator[ImuStep]:
     """Sum the samples of such a motion to steps."""
     for sample in body.samples(duration_s, gyro, accel):
-        if (step := into.add(sample)) is not None:
+        if (step := into.add_sample(sample)) is not None:
             yield step

@@ -27,7 +27,9 @@ COMMANDS = ("run", "check", "status", "record", "replay", "simulate", "plot")
 
 def command_that(action: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `imu-tracker check` do something else."""
-    monkeypatch.setattr("imu_tracker.commands.check.config_of", lambda args: action())
+    monkeypatch.setattr(
+        "imu_tracker.commands.check.installed_config_of", lambda args: action()
+    )
 
 
 def raising(error: BaseException) -> Callable[[], int]:

@@ -7,7 +7,7 @@ import pytest
 
 from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.prediction import TURN_S, Prediction, Turning, predict
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.motion.preintegration import ImuStep, gap_step
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.simulation import simulate
@@ -98,7 +98,7 @@ def test_an_unknown_speed_widens_the_radius_by_as_much_as_it_carries() -> None:
 def test_the_turn_is_about_down_however_the_box_lies() -> None:
     turning, on_its_side = Turning(), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
     for _ in range(200):
-        turning.add(step((0.01, 0.3, 0.02)), (0.01, 0.0, 0.02))
+        turning.add_step(step((0.01, 0.3, 0.02)), (0.01, 0.0, 0.02))
 
     estimate = believed((5.0, 0.0, 0.0))._replace(q_nb=on_its_side)
     # Rolled by 90 deg, body y points down.
@@ -107,8 +107,8 @@ def test_the_turn_is_about_down_however_the_box_lies() -> None:
 
 def test_after_a_gap_no_turn_is_known() -> None:
     turning = Turning()
-    turning.add(step((0.0, 0.0, 1.0), 1.0), (0.0, 0.0, 0.0))
-    turning.add(gap_step(2, 0.1), (0.0, 0.0, 0.0))
+    turning.add_step(step((0.0, 0.0, 1.0), 1.0), (0.0, 0.0, 0.0))
+    turning.add_step(gap_step(2, 0.1), (0.0, 0.0, 0.0))
 
     assert turning.about_down_radps(believed((5.0, 0.0, 0.0))) == 0.0
 

@@ -8,7 +8,8 @@ import pytest
 
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.rewind import HISTORY_NS
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import (
     GpsFix,

@@ -36,7 +36,7 @@ def steps_of(
     samples: Iterable[ImuSample], into: Preintegrator | None = None
 ) -> list[ImuStep]:
     into = into or Preintegrator()
-    return [step for s in samples if (step := into.add(s)) is not None]
+    return [step for s in samples if (step := into.add_sample(s)) is not None]
 
 
 def sampled(motion: Rates, rate_hz: float, duration_s: float) -> list[ImuSample]:
@@ -180,7 +180,7 @@ def test_a_long_hole_is_a_gap_of_which_nothing_is_known() -> None:
     preintegrator = Preintegrator()
     steps_of([alive(k * 10**7) for k in range(7)], preintegrator)  # until 60 ms
     resumed_ns = 60_000_000 + GAP_NS + 1
-    step = preintegrator.add(alive(resumed_ns))
+    step = preintegrator.add_sample(alive(resumed_ns))
     assert step is not None
     assert step.is_gap
     assert step.t_ns == resumed_ns
@@ -197,10 +197,10 @@ def test_time_that_was_bridged_from_outside_is_not_integrated_again() -> None:
     bridge = preintegrator.bridge(500_000_000, 0.1)
     assert bridge.is_gap
     assert bridge.t_ns == 500_000_000
-    late = preintegrator.add(alive(400_000_000))
+    late = preintegrator.add_sample(alive(400_000_000))
     assert late is None
     assert preintegrator.counters["repeated_samples"] == 1
-    step = preintegrator.add(alive(530_000_000))
+    step = preintegrator.add_sample(alive(530_000_000))
     assert step is not None
     assert step.is_gap
     assert step.dt_s == pytest.approx(0.030)
@@ -212,7 +212,7 @@ def test_in_a_gap_the_temperature_is_the_last_one() -> None:
     assert math.isnan(preintegrator.bridge(10_000_000, 0.1).temp_degc)
     steps_of([alive(k * 10**7) for k in range(2, 7)], preintegrator)
     assert preintegrator.bridge(500_000_000, 0.1).temp_degc == alive(0).temp_degc
-    step = preintegrator.add(alive(900_000_000))
+    step = preintegrator.add_sample(alive(900_000_000))
     assert step is not None
     assert step.temp_degc == alive(0).temp_degc
 
@@ -261,7 +261,7 @@ def test_a_sensor_that_stands_frozen_is_not_integrated() -> None:
     steps = steps_of(stuck, preintegrator)
     assert steps[-1].t_ns <= FROZEN_SAMPLES * 10**7
     assert preintegrator.counters["frozen_samples"] == 200 - FROZEN_SAMPLES + 1
-    back = preintegrator.add(alive(3_000_000_000))
+    back = preintegrator.add_sample(alive(3_000_000_000))
     assert back is not None
     assert back.is_gap
 

@@ -1,4 +1,4 @@
-"""What carries the box: the judge of profiles, and what finds steps."""
+"""What carries the box: the classifier of profiles, and what finds steps."""
 
 import math
 from collections.abc import Callable
@@ -6,19 +6,21 @@ from collections.abc import Callable
 import pytest
 
 from imu_tracker.motion.preintegration import ImuStep
-from imu_tracker.motion.profile import ProfileJudge
-from imu_tracker.motion.step_detector import Pace
+from imu_tracker.motion.profile import ProfileClassifier
+from imu_tracker.motion.step_detector import StepDetector
 
 DT_S = 0.04
 ZERO = (0.0, 0.0, 0.0)
 
 
-def turns(judge: ProfileJudge, seconds: int, lean_share: float, speed: float) -> None:
+def turns(
+    classifier: ProfileClassifier, seconds: int, lean_share: float, speed: float
+) -> None:
     """Go through corners of 3 m/s^2, to the right and to the left, a fix a second."""
     for k in range(seconds):
         across = 3.0 * math.sin(k / 3.0)
         lean_rad = math.atan(lean_share * across / 9.81)
-        judge.observe(1.0, speed, across / speed, lean_rad, is_stepping=False)
+        classifier.add_motion(1.0, speed, across / speed, lean_rad, is_stepping=False)
 
 
 @pytest.mark.parametrize(
@@ -34,67 +36,67 @@ def turns(judge: ProfileJudge, seconds: int, lean_share: float, speed: float) ->
 def test_who_leans_into_turns_is_no_car(
     lean_share: float, speed: float, profile: str
 ) -> None:
-    judge = ProfileJudge()
-    turns(judge, 100, lean_share, speed)
-    assert judge.profile == profile
+    classifier = ProfileClassifier()
+    turns(classifier, 100, lean_share, speed)
+    assert classifier.profile == profile
 
 
 def test_nothing_is_said_before_turns_have_shown_it() -> None:
-    judge = ProfileJudge()
+    classifier = ProfileClassifier()
     for _ in range(300):
-        judge.observe(1.0, 30.0, 0.001, 0.02, is_stepping=False)
-    assert judge.profile == "free"
+        classifier.add_motion(1.0, 30.0, 0.001, 0.02, is_stepping=False)
+    assert classifier.profile == "free"
 
 
 def test_a_boat_that_rolls_is_no_car() -> None:
-    judge = ProfileJudge()
+    classifier = ProfileClassifier()
     for k in range(200):
         roll_rad = math.radians(6.0) * math.sin(1.7 * k)
         turn_rad = 0.3 * math.sin(k / 20.0)
-        judge.observe(1.0, 8.0, turn_rad, roll_rad, is_stepping=False)
-    assert judge.profile == "free"
+        classifier.add_motion(1.0, 8.0, turn_rad, roll_rad, is_stepping=False)
+    assert classifier.profile == "free"
 
 
 def test_who_gets_in_from_the_side_of_the_road_does_not_roll() -> None:
-    judge = ProfileJudge()
-    turns(judge, 60, 0.0, 12.0)
+    classifier = ProfileClassifier()
+    turns(classifier, 60, 0.0, 12.0)
     for k in range(40):  # each stop tips the box anew; between them it lies still
-        judge.observe(1.0, 0.0, 0.0, 0.0, is_stepping=False)
+        classifier.add_motion(1.0, 0.0, 0.0, 0.0, is_stepping=False)
         for _ in range(5):
-            judge.observe(1.0, 12.0, 0.0, 0.2 * (-1) ** k, is_stepping=False)
-    assert judge.profile == "vehicle"
+            classifier.add_motion(1.0, 12.0, 0.0, 0.2 * (-1) ** k, is_stepping=False)
+    assert classifier.profile == "vehicle"
 
 
 def test_nothing_on_wheels_is_as_fast_as_an_aeroplane() -> None:
-    judge = ProfileJudge()
-    turns(judge, 100, 0.0, 20.0)
-    assert judge.profile == "vehicle"
-    judge.observe(1.0, 90.0, 0.0, 0.0, is_stepping=False)
-    assert judge.profile == "free"
+    classifier = ProfileClassifier()
+    turns(classifier, 100, 0.0, 20.0)
+    assert classifier.profile == "vehicle"
+    classifier.add_motion(1.0, 90.0, 0.0, 0.0, is_stepping=False)
+    assert classifier.profile == "free"
 
 
 def test_steps_make_a_walker_until_he_gets_into_a_car() -> None:
-    judge = ProfileJudge()
+    classifier = ProfileClassifier()
     for _ in range(30):
-        judge.observe(1.0, 1.4, 0.1, 0.2, is_stepping=True)
-    assert judge.profile == "walker"
-    judge.observe(1.0, 14.0, 0.0, 0.05, is_stepping=False)
-    assert judge.profile == "free"
+        classifier.add_motion(1.0, 1.4, 0.1, 0.2, is_stepping=True)
+    assert classifier.profile == "walker"
+    classifier.add_motion(1.0, 14.0, 0.0, 0.05, is_stepping=False)
+    assert classifier.profile == "free"
 
 
 def test_a_box_that_went_from_the_car_to_the_bicycle_is_found_out() -> None:
-    judge = ProfileJudge()
-    turns(judge, 600, 0.0, 12.0)
-    assert judge.profile == "vehicle"
-    turns(judge, 300, 1.0, 6.0)
-    assert judge.profile == "free"
+    classifier = ProfileClassifier()
+    turns(classifier, 600, 0.0, 12.0)
+    assert classifier.profile == "vehicle"
+    turns(classifier, 300, 1.0, 6.0)
+    assert classifier.profile == "free"
 
 
 # ------------------------------------------------------------------------- steps
 
 
-def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
-    pace = Pace()
+def seconds_of(force_mps2: Callable[[float], float]) -> StepDetector:
+    step_detector = StepDetector()
     for k in range(round(20.0 / DT_S)):
         dv_b = (0.0, 0.0, -force_mps2(k * DT_S) * DT_S)
         step = ImuStep(
@@ -102,8 +104,8 @@ def seconds_of(force_mps2: Callable[[float], float]) -> Pace:
             is_saturated=False,
             is_gap=False,
         )
-        pace.add(step)
-    return pace
+        step_detector.add_step(step)
+    return step_detector
 
 
 def shaking(amplitude_mps2: float, hz: float) -> Callable[[float], float]:

@@ -32,7 +32,7 @@ class Watch:
 
     def see(self, steps: Iterable[ImuStep]) -> list[Rest | None]:
         return [
-            self.detector.add(
+            self.detector.add_step(
                 step, self.bias, self.bias_sigma, self.speed, self.speed_sigma
             )
             for step in steps
@@ -44,11 +44,11 @@ class Watch:
         return self.see(steps_of(self.body, self.preintegrator, seconds, gyro, accel))
 
     def play(self, samples: Iterable[ImuSample]) -> list[Rest | None]:
-        add = self.preintegrator.add
+        add = self.preintegrator.add_sample
         return self.see(step for s in samples if (step := add(s)) is not None)
 
     def hear(self, speed_mps: float) -> None:
-        self.detector.observe_speed(self.body.t_ns, speed_mps)
+        self.detector.add_speed(self.body.t_ns, speed_mps)
 
 
 def claims(found: list[Rest | None]) -> int:
@@ -311,6 +311,6 @@ def test_hours_of_sums_lose_nothing() -> None:
         for step in rng.permutation(len(steps)):
             shifted = steps[step]._replace(t_ns=watch.body.t_ns)
             watch.body.t_ns += 40_000_000
-            rest = watch.detector.add(shifted, NO_BIAS, UNKNOWN_BIAS, 0.0, 1.0)
+            rest = watch.detector.add_step(shifted, NO_BIAS, UNKNOWN_BIAS, 0.0, 1.0)
     assert rest is not None
     assert rest.accel_mps2 == pytest.approx((0.0, 0.0, -G), abs=0.02)

@@ -493,7 +493,7 @@ def test_whatever_a_power_cut_leaves_of_the_first_bytes_is_no_strangers_file(
     whole, layout = live_path.read_bytes(), layout_of(live_path)
     for kept in range(len(whole)):
         file = io.BytesIO(whole[:kept] + b"\0" * zeros)
-        assert layout.whole_size(file) is not None or layout.is_kin(file)
+        assert layout.whole_size(file) is not None or layout.is_our_format(file)
 
 
 def test_a_long_member_that_is_torn_is_moved_away_not_cut(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from imu_tracker.errors import OutputError, StateError
-from imu_tracker.estimation.error_state.warm_start import Learnt, Place
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
 from imu_tracker.storage.state_file import Sensor, StateFile, read_state, write_state
 
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")
-LEARNT = Learnt(
+LEARNT = LearnedParameters(
     *("vehicle", 1, (0.01, -0.02, 0.003), (1e-3, 1e-3, 2e-3)),
     *((0.1, -0.2, 0.05), (0.01, 0.01, 0.02), (0.001,) * 9, (0.002,) * 9),
     q_vb=(1.0, 0.0, 0.0, 0.0),
@@ -133,6 +133,6 @@ def test_a_refused_file_is_replaced_by_what_is_learnt_anew(tmp_path: Path) -> No
     with pytest.raises(StateError):
         file.begin(SENSOR)
     assert not file.write()
-    file.remember(LEARNT)
+    file.set_learned(LEARNT)
     assert file.write()
     assert read_state(path, SENSOR) == LEARNT

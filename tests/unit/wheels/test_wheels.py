@@ -172,6 +172,6 @@ def test_the_windows_of_another_filter_do_not_count() -> None:
     steady, told = WheelSpeed(), WheelSpeed()
     for listener in (steady, told):
         drive(listener, 94.5, gps_s=90.0, wrong_mps=0.5)
-    told.forget_evidence()
+    told.reset_evidence()
     assert steady._n_together > 0
     assert told._n_together == 0

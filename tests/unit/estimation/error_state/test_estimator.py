@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.error_state.constraints import vehicle
-from imu_tracker.estimation.error_state.constraints.schedule import gravity_is_down
+from imu_tracker.estimation.error_state.constraints.schedule import gravity_levelling
 from imu_tracker.estimation.error_state.estimator import ErrorState
-from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
     EARLY_WIN_NATS,
     MOST_NATS,
@@ -25,6 +25,7 @@ from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
     YawBank,
 )
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import (
     GYRO_GAIN,
     N_ERRORS,
@@ -34,7 +35,8 @@ from imu_tracker.estimation.error_state.states import (
     transition,
 )
 from imu_tracker.estimation.receiver.gate import AGREEING_FIXES, FixOutcome
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tuning import SOFT_GATE_SIGMAS
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import (
     from_euler,
@@ -104,9 +106,9 @@ def error_between(a: Nominal, b: Nominal) -> Array:
 @pytest.mark.parametrize("i", [*range(15), *range(GYRO_GAIN.start, GYRO_GAIN.stop)])
 def test_the_transition_is_the_derivative_of_the_strapdown(i: int) -> None:
     eskf, step = an_eskf(), a_step()
-    base = eskf.advanced(eskf.nominal, step, use_force=True)
+    base = eskf.mechanise(eskf.nominal, step, use_force=True)
     other = shifted(eskf, i, EPSILON)
-    moved = other.advanced(other.nominal, step, use_force=True)
+    moved = other.mechanise(other.nominal, step, use_force=True)
     dt = step.dt_s
     f_b = tuple(
         v - b * dt for v, b in zip(step.dv_b_mps, eskf.accel_bias_mps2, strict=True)
@@ -127,10 +129,12 @@ def test_the_transition_is_the_derivative_of_the_strapdown(i: int) -> None:
 @pytest.mark.parametrize(
     "measure",
     [
-        lambda e: vehicle.no_side_slip(e, 1.0),
-        lambda e: vehicle.level_road(e, 0.1, 10.0),
-        lambda e: vehicle.unhurried(e, 1.0, 10.0),
-        lambda e: vehicle.rest(e, Rest((0.01, 0.0, 0.0), (0.0, 0.0, -9.8), 2.0), 1.0),
+        lambda e: vehicle.non_holonomic(e, 1.0),
+        lambda e: vehicle.road_slope_prior(e, 0.1, 10.0),
+        lambda e: vehicle.longitudinal_accel_prior(e, 1.0, 10.0),
+        lambda e: vehicle.zero_velocity(
+            e, Rest((0.01, 0.0, 0.0), (0.0, 0.0, -9.8), 2.0), 1.0
+        ),
     ],
 )
 def test_each_constraint_measures_what_its_jacobian_says(
@@ -145,11 +149,11 @@ def test_each_constraint_measures_what_its_jacobian_says(
 
 
 def test_the_mean_force_tells_of_tilt_and_bias_what_its_jacobian_says() -> None:
-    z, H, _ = gravity_is_down(an_eskf(), 1.0)
+    z, H, _ = gravity_levelling(an_eskf(), 1.0)
     for i in range(N_ERRORS):
         if i == YAW.start:
             continue  # who does not know his heading learns none from this
-        moved = gravity_is_down(shifted(an_eskf(), i, EPSILON), 1.0).z
+        moved = gravity_levelling(shifted(an_eskf(), i, EPSILON), 1.0).z
         assert (z - moved) / EPSILON == pytest.approx(H[:, i], abs=1e-4), i
 
 
@@ -158,9 +162,9 @@ def test_a_car_that_slides_is_believed_to_slide() -> None:
     eskf.P = np.eye(N_ERRORS) * 1e-6
     sliding = eskf.clone(NOISE)
     sliding.nominal = sliding.nominal._replace(v_n=(-9.0, 14.0, 0.0))
-    calm, wild = vehicle.no_side_slip(eskf, 1.0), vehicle.no_side_slip(sliding, 1.0)
+    calm, wild = vehicle.non_holonomic(eskf, 1.0), vehicle.non_holonomic(sliding, 1.0)
     assert abs(wild.z[0]) > 10.0
-    assert wild.R[0, 0] >= (wild.z[0] / vehicle.SOFT_GATE) ** 2 * 0.99
+    assert wild.R[0, 0] >= (wild.z[0] / SOFT_GATE_SIGMAS) ** 2 * 0.99
     assert calm.R[0, 0] < 1.0
 
 
@@ -171,7 +175,7 @@ def test_reversing_is_no_side_slip() -> None:
     for speed in (8.0, -3.0):
         vn, ve, vd = (speed * ahead_n).tolist()
         eskf.nominal = eskf.nominal._replace(v_n=(vn, ve, vd))
-        assert vehicle.no_side_slip(eskf, 1.0).z == pytest.approx([0.0, 0.0], abs=1e-9)
+        assert vehicle.non_holonomic(eskf, 1.0).z == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_front_and_back_can_be_exchanged_without_moving_the_box() -> None:
@@ -189,7 +193,7 @@ def test_the_covariance_stays_symmetric_and_positive() -> None:
         eskf.propagate(a_step(), use_force=True)
         if k % 3 == 2:
             eskf.predict(use_force=True)
-            eskf.apply(vehicle.no_side_slip(eskf, 0.12))
+            eskf.update(vehicle.non_holonomic(eskf, 0.12))
     assert np.abs(eskf.P - eskf.P.T).max() < 1e-9
     assert np.linalg.eigvalsh(eskf.P).min() > -1e-9
 
@@ -207,14 +211,14 @@ def test_the_bank_finds_any_yaw_from_accelerations(
         for _ in range(10):
             t = k + _ / 10.0
             a = np.array([1.5 * math.sin(t / 3.0), 1.5 * math.cos(t / 4.0)])
-            bank.add(0.1, (a[0] * 0.1, a[1] * 0.1))
+            bank.add_stretch(0.1, (a[0] * 0.1, a[1] * 0.1))
             a_n = R @ a
             p = p + v * 0.1 + 0.005 * a_n
             v = v + 0.1 * a_n
         z_v = v + 0.1 * rng.standard_normal(2) if has_velocity else None
         z_p = p + 0.5 * rng.standard_normal(2)
         bank.update(z_p, 0.5, z_v, 0.1, 0.01, 0.02, (0.0, 1e-8))
-    found, sigma = bank.answer()
+    found, sigma = bank.yaw()
     assert sigma < CONVERGED_SIGMA_RAD
     assert abs((found - yaw + math.pi) % (2 * math.pi) - math.pi) < 3.0 * sigma
 
@@ -228,13 +232,13 @@ def test_a_yaw_that_drifts_is_still_found_by_the_bank() -> None:
             t = k + _ / 10.0
             yaw = 0.7 + drift * t
             a = np.array([1.5 * math.sin(t / 3.0), 1.5 * math.cos(t / 4.0)])
-            bank.add(0.1, (a[0] * 0.1, a[1] * 0.1))
+            bank.add_stretch(0.1, (a[0] * 0.1, a[1] * 0.1))
             cosine, sine = math.cos(yaw), math.sin(yaw)
             a_n = np.array([[cosine, -sine], [sine, cosine]]) @ a
             p = p + v * 0.1 + 0.005 * a_n
             v = v + 0.1 * a_n
         bank.update(p, 0.5, v, 0.1, 0.01, 0.02, (0.0, math.radians(1.0) ** 2))
-    found, sigma = bank.answer()
+    found, sigma = bank.yaw()
     assert sigma < CONVERGED_SIGMA_RAD
     assert abs(found - (0.7 + drift * 80.0)) < max(3.0 * sigma, math.radians(5.0))
 
@@ -243,7 +247,7 @@ def test_a_receiver_that_proves_worse_takes_back_what_it_gave() -> None:
     eskf = an_eskf()
     eskf.P, eskf.receiver_var = np.diag(np.full(N_ERRORS, 0.1)), 0.25
     before = eskf.P
-    eskf.take_receiver_var(4.0)
+    eskf.set_receiver_var(4.0)
     H = np.zeros(N_ERRORS)
     H[0] = H[17] = 1.0  # a fix sees the sum of position and lasting error
     assert pytest.approx(H @ before @ H) == H @ eskf.P @ H
@@ -253,7 +257,7 @@ def test_a_receiver_that_proves_worse_takes_back_what_it_gave() -> None:
 
     grown = eskf.P
     for variance in (4.0, 3.2, 4.0, 3.2, 4.0):  # no news is no reason to grow again
-        eskf.take_receiver_var(variance)
+        eskf.set_receiver_var(variance)
     assert pytest.approx(grown) == eskf.P
 
 
@@ -270,10 +274,10 @@ def test_nothing_is_felt_in_a_gap() -> None:
 def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
     bank = NoiseBank(1, is_vehicle=True)
     challenger = bank.challenger
-    bank.judge(-100.0, 0.0, 1.0)
+    bank.add_log_likelihoods(-100.0, 0.0, 1.0)
     assert bank.main is not challenger
     for _ in range(math.ceil(EARLY_WIN_NATS / MOST_NATS) + 1):
-        bank.judge(-100.0, 0.0, 1.0)
+        bank.add_log_likelihoods(-100.0, 0.0, 1.0)
     assert bank.level != 1
 
 
@@ -304,7 +308,7 @@ class Ride:
             is_saturated=clipped_turn_rad is not None,
             is_gap=False,
         )
-        self.filter.step(step, None)
+        self.filter.add_step(step, None)
 
     def silence(self, seconds: float) -> None:
         zero = (0.0, 0.0, 0.0)
@@ -316,13 +320,13 @@ class Ride:
                 is_saturated=False,
                 is_gap=True,
             )
-            self.filter.step(step, None)
+            self.filter.add_step(step, None)
 
     def fix(self) -> FixOutcome:
         lat, lon = self.frame.to_lat_lon(self.north, 0.0)
         vel = (self.speed, 0.0) if self.has_velocity else None
         fix = GpsFix(self.t_ns, 0.0, lat, lon, 10.0, vel, 2.0, 1)
-        return self.filter.take(fix, self.t_ns, 20.0 if self.t_ns <= 10**9 else 0.0)
+        return self.filter.update(fix, self.t_ns, 20.0 if self.t_ns <= 10**9 else 0.0)
 
     def go(self, seconds: int, accel: float = 0.0) -> list[FixOutcome]:
         outcomes = []
@@ -336,8 +340,8 @@ class Ride:
         return math.degrees(self.filter._eskf.sigma(i))
 
     def miss_m(self) -> float:
-        believed = self.filter.estimate_after(0.0)
-        north, east = self.frame.to_ne(believed.lat_rad, believed.lon_rad)
+        estimate = self.filter.estimate_after(0.0)
+        north, east = self.frame.to_ne(estimate.lat_rad, estimate.lon_rad)
         return math.hypot(north - self.north, east)
 
 
@@ -539,7 +543,7 @@ def test_an_imu_that_dies_leaves_the_receiver() -> None:
 
 def test_what_was_learnt_is_a_better_start() -> None:
     learnt = plain_drive(seed=4)
-    prior = learnt.pipeline._tracker.learnt()
+    prior = learnt.pipeline._tracker.learned_parameters()
     report = drive(seed=4, until_s=60.0, prior=prior).pipeline.report()
     fresh = drive(seed=4, until_s=60.0).pipeline.report()
     warm_sigma, fresh_sigma = report["mounting_sigma_deg"], fresh["mounting_sigma_deg"]

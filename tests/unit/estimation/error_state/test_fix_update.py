@@ -31,6 +31,6 @@ def fast_and_unaligned() -> ErrorState:
 
 def test_before_alignment_an_unknown_delay_does_not_open_the_gate() -> None:
     # A delay of 0.4 s (one sigma) is 12 m at 30 m/s: the gate passed 30 m with it, and
-    # the correction, which leaves it out, then believed them to a metre.
+    # the correction, which leaves it out, then trusts them to a metre.
     assert fast_and_unaligned()._fixes.update(fix(30.0), 0.0) is FixOutcome.OUTLIER
     assert fast_and_unaligned()._fixes.update(fix(3.0), 0.0) is FixOutcome.ACCEPTED

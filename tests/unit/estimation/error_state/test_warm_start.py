@@ -6,8 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.error_state.warm_start import Learnt, Since, grown
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.error_state.warm_start import (
+    Downtime,
+    LearnedParameters,
+    grown,
+)
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader, Source
 from imu_tracker.simulation import TruthRow, simulate
@@ -27,7 +31,7 @@ def simulated(
 
 
 def tracked(
-    seed: int, prior: Learnt | None = None, mount: Mount = DEFAULT_MOUNT
+    seed: int, prior: LearnedParameters | None = None, mount: Mount = DEFAULT_MOUNT
 ) -> tuple[Figures, Pipeline]:
     header, frames, truth = simulated(seed, mount)
     settings = TrackerSettings("error-state", "vehicle", None, prior=prior)
@@ -37,18 +41,18 @@ def tracked(
 
 
 @cache
-def learnt() -> Learnt:
-    found = tracked(4)[1].learnt()
+def learnt() -> LearnedParameters:
+    found = tracked(4)[1].learned_parameters()
     assert found is not None
     return found
 
 
 def test_doubts_grow_with_time_and_with_temperature() -> None:
     known = learnt()
-    minute = grown(known, Since(60.0, 0.0))
-    hour = grown(known, Since(3600.0, 0.0))
-    warmer = grown(known, Since(3600.0, 20.0))
-    unknown = grown(known, Since(None, None))
+    minute = grown(known, Downtime(60.0, 0.0))
+    hour = grown(known, Downtime(3600.0, 0.0))
+    warmer = grown(known, Downtime(3600.0, 20.0))
+    unknown = grown(known, Downtime(None, None))
     for one, other in ((known, minute), (minute, hour), (hour, unknown)):
         assert one.gyro_bias_sigma_radps < other.gyro_bias_sigma_radps
         assert one.accel_bias_sigma_mps2 < other.accel_bias_sigma_mps2
@@ -99,7 +103,7 @@ def test_what_was_learnt_is_no_poison_when_the_chip_dies_before_the_first_fix() 
         for row in pipeline.feed(Frame(t_ns, source, data)):
             assert math.isfinite(row.lat_rad + row.lon_rad + row.r95_m)
             assert row.r95_m < 1000.0
-    kept = pipeline.learnt()
+    kept = pipeline.learned_parameters()
     assert kept is not None
     assert kept.temp_degc is not None
     assert math.isfinite(kept.temp_degc)

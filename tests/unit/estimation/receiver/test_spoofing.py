@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.receiver.backlog import Backlog
-from imu_tracker.estimation.receiver.spoofing import DRAWN_M, DragWatch
+from imu_tracker.estimation.receiver.spoofing import DRAWN_M, SpoofingMonitor
+from imu_tracker.motion.preintegration import Preintegrator
+from imu_tracker.motion.standstill import StandstillDetector
 from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import GpsFix, ImuSample, UtcTime
 
@@ -214,16 +216,17 @@ def watched(
     north_m: Callable[[float], float],
     v_north_mps: Callable[[float], float | None],
     accel_mps2: Callable[[float], float] | None = None,
-) -> DragWatch:
-    """Let a receiver speak; with an IMU that rests for 10 s when it is given."""
-    watch = DragWatch()
+) -> SpoofingMonitor:
+    """Let a receiver speak; with an IMU when it is given."""
+    watch = SpoofingMonitor()
+    detector, preintegrator = StandstillDetector(), Preintegrator()
     rng = np.random.default_rng(5)
     for second in range(seconds):
         if accel_mps2 is not None:
-            for step in range(100):
-                t_s = second + step / 100
+            for k in range(100):
+                t_s = second + k / 100
                 ax, ay, az, gx, gy, gz = (rng.standard_normal(6) * 0.03).tolist()
-                watch.on_imu(
+                step = preintegrator.add_sample(
                     ImuSample(
                         round(t_s * S),
                         (ax + accel_mps2(t_s), ay, az - 9.81),
@@ -231,9 +234,13 @@ def watched(
                         25.0,
                     )
                 )
-            watch.rest(3 <= second < 10)
-        here = fix(second, north_m=north_m(second), v_north_mps=v_north_mps(second))
-        watch.on_fix(here)
+                if step is not None:
+                    detector.add_step(step, (0.0, 0.0, 0.0), 0.001, 0.0, 1.0)
+        v_north = v_north_mps(second)
+        here = fix(second, north_m=north_m(second), v_north_mps=v_north)
+        watch.add_fix(here, is_standing=detector.is_standing)
+        if v_north is not None:
+            detector.add_speed(here.t_ns, v_north)
     return watch
 
 
@@ -257,14 +264,14 @@ def test_a_leap_is_the_gates_affair() -> None:
 def test_a_leap_second_is_no_way() -> None:
     # By UTC the second epoch after it comes a second after the last one before it, by
     # the clock two; that one in between has the time of the last one, and is dropped.
-    watch = DragWatch()
+    watch = SpoofingMonitor()
     for second in range(200):
         here = fix(second, north_m=70.0 * second, v_north_mps=70.0)
         assert here.utc_s is not None
         if second > 100:
             here = here._replace(utc_s=here.utc_s - 1.0)
         if second != 100:
-            watch.on_fix(here)
+            watch.add_fix(here, is_standing=False)
     assert watch.counters == {}
 
 

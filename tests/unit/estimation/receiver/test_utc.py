@@ -24,7 +24,7 @@ def epoch(
     clock: UtcClock, t_ns: int, late_ns: int = LATENCY, utc_off_s: float = 0.0
 ) -> None:
     """Tell the clock of the epoch of `t_ns`, `late_ns` after it."""
-    clock.observe(t_ns + late_ns, UTC_S + t_ns / SECOND + utc_off_s)
+    clock.add_epoch(t_ns + late_ns, UTC_S + t_ns / SECOND + utc_off_s)
 
 
 def offset_error_ns(clock: UtcClock) -> int:
@@ -40,7 +40,7 @@ def shown_error_ns(clock: UtcClock) -> int:
 def settled(seconds: int = 10) -> UtcClock:
     clock = UtcClock(LATENCY)
     epoch(clock, 0)
-    clock.show()
+    clock.start_rows()
     for k in range(1, seconds):
         epoch(clock, k * SECOND)
     return clock
@@ -65,7 +65,7 @@ def test_jitter_is_evened_out() -> None:
     for k in range(60):
         epoch(clock, k * SECOND, LATENCY + int(rng.normal(0, 30 * MS)))
         if k == 0:
-            clock.show()
+            clock.start_rows()
     assert abs(offset_error_ns(clock)) < 15 * MS
 
 
@@ -112,15 +112,15 @@ def test_a_change_of_mind_is_believed_after_seconds() -> None:
 
 @pytest.mark.parametrize("leap_s", [-18.0, -2.0, -1.0, 1.0, 2.0, 18.0])
 def test_a_leap_of_whole_seconds_is_in_doubt_for_three_epochs(leap_s: float) -> None:
-    # The smallest would be taken for jitter, and believed after half of the window.
+    # The smallest would be taken for jitter, and followed after half of the window.
     rng = np.random.default_rng(6)
     clock = settled(30)
     jumps = []
     for k in range(30, 33):
-        assert clock.is_in_doubt is (k > 30)
+        assert clock.is_uncertain is (k > 30)
         late_ns = LATENCY + int(rng.uniform(-60, 60) * MS)
-        jumps.append(clock.observe(k * SECOND + late_ns, UTC_S + k + leap_s))
-    assert not clock.is_in_doubt
+        jumps.append(clock.add_epoch(k * SECOND + late_ns, UTC_S + k + leap_s))
+    assert not clock.is_uncertain
     assert jumps[:2] == [0.0, 0.0]
     assert jumps[2] == pytest.approx(leap_s, abs=0.1)
     assert offset_error_ns(clock) == pytest.approx(leap_s * SECOND, abs=100 * MS)
@@ -130,7 +130,7 @@ def test_an_epoch_that_comes_a_second_late_is_in_doubt_alone() -> None:
     clock, doubts = settled(30), []
     for k, late_ns in ((30, LATENCY + SECOND), (31, LATENCY)):
         epoch(clock, k * SECOND, late_ns)
-        doubts.append(clock.is_in_doubt)
+        doubts.append(clock.is_uncertain)
     assert doubts == [True, False]
     assert clock.jumps == 0
     assert abs(offset_error_ns(clock)) < MS
@@ -142,7 +142,7 @@ def test_a_receiver_that_smooths_comes_a_second_late_by_and_by() -> None:
     for k in range(30, 300):
         late_ns = LATENCY + round(0.8 * SECOND * (1.0 - math.cos(k / 10)))
         epoch(clock, k * SECOND, late_ns)
-        assert not clock.is_in_doubt
+        assert not clock.is_uncertain
     assert clock.jumps == 0
 
 
@@ -150,7 +150,7 @@ def test_what_comes_from_the_future_is_in_doubt() -> None:
     clock, doubts = settled(30), []
     for k, utc_off_s in ((30, 7.4), (31, -7.4)):  # the other one a buffer held
         epoch(clock, k * SECOND, utc_off_s=utc_off_s)
-        doubts.append(clock.is_in_doubt)
+        doubts.append(clock.is_uncertain)
     assert doubts == [True, False]
 
 
@@ -204,7 +204,7 @@ def test_before_the_first_row_a_fresher_epoch_counts_at_once() -> None:
     epoch(clock, 0, LATENCY + 9 * SECOND)
     epoch(clock, 9 * SECOND)
     assert offset_error_ns(clock) == pytest.approx(0, abs=1000)
-    clock.show()
+    clock.start_rows()
     assert shown_error_ns(clock) == pytest.approx(0, abs=1000)
 
 

@@ -183,10 +183,10 @@ def test_the_covariance_is_that_of_its_own_errors() -> None:
 def test_a_gap_costs_the_yaw_and_then_the_level() -> None:
     attitude = at(0.0, 0.0, 1.0)
     attitude.update_gyro_bias((0.0, 0.0, 0.0), 0.01 * DPS)
-    attitude.lose(1.0)
+    attitude.propagate_gap(1.0)
     assert (attitude.is_level, attitude.is_yaw_usable) == (True, True)
     for _ in range(100):
-        attitude.lose(1.0)
+        attitude.propagate_gap(1.0)
     assert (attitude.is_level, attitude.is_yaw_usable) == (False, False)
     attitude.update_yaw(-2.0, 0.05)  # any yaw again: the next heading sets it
     assert attitude.yaw_rad == pytest.approx(-2.0)
@@ -197,9 +197,9 @@ def test_what_is_unknown_stays_a_covariance() -> None:
     # must not leave a correlation beyond one.
     attitude = at(0.0, 0.0, 0.0)
     run(attitude, 120.0)
-    attitude.lose(10.0)
+    attitude.propagate_gap(10.0)
     run(attitude, 60.0)
-    attitude.lose(0.3)
+    attitude.propagate_gap(0.3)
     P = covariance(attitude)
     assert np.allclose(P, P.T)
     assert np.linalg.eigvalsh(P).min() > -1e-9
@@ -214,7 +214,7 @@ def test_a_snapshot_brings_everything_back() -> None:
     saved, before = attitude.snapshot(), covariance(attitude).copy()
     run(attitude, 3.0, (0.3, 0.2, 0.1))
     attitude.update_gyro_bias((0.1, 0.1, 0.1), 0.01)
-    attitude.lose(50.0)
+    attitude.propagate_gap(50.0)
     attitude.restore(saved)
     assert attitude.snapshot() == saved
     assert np.array_equal(covariance(attitude), before)
@@ -223,5 +223,5 @@ def test_a_snapshot_brings_everything_back() -> None:
 def test_a_gap_step_is_no_turn() -> None:
     attitude = at(0.0, 0.0, 1.0)
     before = attitude.q_nb
-    attitude.lose(gap_step(0, 0.5).dt_s)
+    attitude.propagate_gap(gap_step(0, 0.5).dt_s)
     assert attitude.q_nb == before

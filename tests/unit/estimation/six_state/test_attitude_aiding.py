@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.six_state.attitude import AttitudeFilter
-from imu_tracker.estimation.six_state.attitude_aiding import (
-    REVERSE_FIXES,
-    AttitudeAiding,
-)
+from imu_tracker.estimation.six_state.attitude_aiding import AttitudeAiding
+from imu_tracker.estimation.tuning import REVERSE_FIXES
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
@@ -80,7 +78,7 @@ class Ride:
         return float(self.v_n[0]), float(self.v_n[1])
 
     def errors_deg(self) -> tuple[float, float, float]:
-        """Roll, pitch and yaw, believed less true."""
+        """Roll, pitch and yaw, less true."""
         found, truth = to_euler(self.attitude.q_nb), to_euler(self.q_nb)
         off = [math.degrees(wrap_pi(a - b)) for a, b in zip(found, truth, strict=True)]
         return off[0], off[1], off[2]
@@ -97,7 +95,7 @@ def test_the_receivers_velocity_finds_a_tilt(
     for _ in range(60):
         push = rng.normal(0.0, 0.5, 2)
         ride.go(1.0, accel_b=(float(push[0]), float(push[1]), 0.0))
-        ride.aiding.velocity(ride.vel_ne, SIGMA_MPS, G)
+        ride.aiding.update_from_velocity(ride.vel_ne, SIGMA_MPS, G)
     assert max(map(abs, ride.errors_deg()[:2])) < 0.7
 
 
@@ -110,16 +108,16 @@ def test_a_receiver_whose_velocity_does_not_fit_is_distrusted() -> None:
         sign = 1.0 if (k // 8) % 2 else -1.0
         ride.go(1.0, accel_b=(sign * (1.5 + 0.3 * float(rng.normal())), 0.0, 0.0))
         late.append(ride.vel_ne)
-        ride.aiding.velocity(late[-4], SIGMA_MPS, G)
+        ride.aiding.update_from_velocity(late[-4], SIGMA_MPS, G)
     assert max(map(abs, ride.errors_deg()[:2])) < 6.0
 
 
 def test_without_a_yaw_velocities_tell_nothing() -> None:
     ride = Ride(true_rpy=(0.1, 0.0, 0.0))
-    ride.attitude.forget_yaw()
+    ride.attitude.reset_yaw()
     for _ in range(20):
         ride.go(1.0)
-        ride.aiding.velocity(ride.vel_ne, SIGMA_MPS, G)
+        ride.aiding.update_from_velocity(ride.vel_ne, SIGMA_MPS, G)
     assert ride.errors_deg()[0] == pytest.approx(-math.degrees(0.1), abs=0.01)
 
 
@@ -135,7 +133,7 @@ def test_rest_tells_tilt_gyro_bias_and_the_excess_of_gravity() -> None:
     f_b = rotate(conjugate(ride.q_nb), (0.0, 0.0, -heavy))
     for k in range(60):
         ride.go(0.2)
-        ride.aiding.rest(Rest(bias, f_b, 0.5 + 0.2 * k), G)
+        ride.aiding.update_from_rest(Rest(bias, f_b, 0.5 + 0.2 * k), G)
     assert ride.attitude.gyro_bias_radps == pytest.approx(bias, abs=0.02 * DPS)
     assert abs(ride.errors_deg()[0]) < 0.2
     assert math.hypot(*ride.aiding.accel_bias_mps2) == pytest.approx(heavy - G)
@@ -147,7 +145,7 @@ def test_gravity_alone_finds_the_tilt_in_minutes() -> None:
     ride = Ride(true_rpy=(0.1, -0.08, 0.0), tilt_sigma=0.2)
     for _ in range(180):
         ride.go(1.0)
-        ride.aiding.gravity((0.0, 0.0, 0.0), G)
+        ride.aiding.update_from_gravity((0.0, 0.0, 0.0), G)
     assert max(map(abs, ride.errors_deg()[:2])) < 2.0
 
 
@@ -158,7 +156,7 @@ def test_a_roundabout_is_not_taken_for_a_tilt(rate: float) -> None:
     ride.v_n[:] = [10.0, 0.0, 0.0]
     for _ in range(120):
         ride.go(1.0, accel_b=(0.0, 10.0 * rate, 0.0), rate_down=rate)
-        ride.aiding.gravity((*ride.vel_ne, 0.0), G)
+        ride.aiding.update_from_gravity((*ride.vel_ne, 0.0), G)
     assert max(map(abs, ride.errors_deg()[:2])) < 1.5
 
 
@@ -166,7 +164,7 @@ def test_a_hard_push_is_not_taken_for_gravity() -> None:
     ride = Ride(tilt_sigma=0.05)
     for _ in range(60):
         ride.go(1.0, accel_b=(4.0, 0.0, 0.0))
-        ride.aiding.gravity((0.0, 0.0, 0.0), G)
+        ride.aiding.update_from_gravity((0.0, 0.0, 0.0), G)
     assert max(map(abs, ride.errors_deg()[:2])) < 0.1
 
 
@@ -176,7 +174,7 @@ def test_the_course_tells_the_yaw(yaw: float) -> None:
     ride.v_n[:] = [15.0 * math.cos(yaw), 15.0 * math.sin(yaw), 0.0]
     for _ in range(60):
         ride.go(1.0)
-        ride.aiding.course(ride.vel_ne, SIGMA_MPS, 1.0)
+        ride.aiding.update_from_course(ride.vel_ne, SIGMA_MPS, 1.0)
     assert abs(ride.errors_deg()[2]) < 1.5
 
 
@@ -187,7 +185,7 @@ def test_ten_fixes_a_second_tell_no_more_than_one() -> None:
         ride.v_n[:] = [15.0, 0.0, 0.0]
         for _ in range(round(30.0 / period_s)):
             ride.go(period_s)
-            ride.aiding.course(ride.vel_ne, SIGMA_MPS, period_s)
+            ride.aiding.update_from_course(ride.vel_ne, SIGMA_MPS, period_s)
         sigmas.append(ride.attitude.yaw_sigma_rad)
     assert sigmas[0] == pytest.approx(sigmas[1], rel=0.2)
 
@@ -197,7 +195,7 @@ def test_who_is_slow_has_no_course(profile: str, speed: float) -> None:
     ride = Ride(profile, believed_rpy=(0.0, 0.0, 1.0))
     for _ in range(20):
         ride.go(1.0)
-        ride.aiding.course((speed, 0.0), 0.05, 1.0)
+        ride.aiding.update_from_course((speed, 0.0), 0.05, 1.0)
     assert ride.errors_deg()[2] == pytest.approx(math.degrees(1.0), abs=1e-6)
 
 
@@ -206,7 +204,7 @@ def test_reversing_does_not_turn_the_heading_round() -> None:
     back = (-3.0 * math.cos(0.7), -3.0 * math.sin(0.7))
     for _ in range(60):
         ride.go(1.0)
-        ride.aiding.course(back, SIGMA_MPS, 1.0)
+        ride.aiding.update_from_course(back, SIGMA_MPS, 1.0)
     assert abs(ride.errors_deg()[2]) < 1.0
 
 
@@ -216,7 +214,7 @@ def test_a_heading_that_was_the_wrong_way_round_is_given_up() -> None:
     ride.v_n[:] = [15.0, 0.0, 0.0]
     for _ in range(REVERSE_FIXES + 1):
         ride.go(1.0)
-        ride.aiding.course(ride.vel_ne, SIGMA_MPS, 1.0)
+        ride.aiding.update_from_course(ride.vel_ne, SIGMA_MPS, 1.0)
     assert abs(ride.errors_deg()[2]) < 3.0
 
 
@@ -231,12 +229,14 @@ def test_a_body_in_motion_is_levelled_by_its_mean_force() -> None:
 def test_what_was_begun_before_a_gap_is_dropped() -> None:
     ride = Ride(true_rpy=(0.05, 0.0, 0.0))
     ride.go(1.0)
-    ride.aiding.velocity(ride.vel_ne, SIGMA_MPS, G)
+    ride.aiding.update_from_velocity(ride.vel_ne, SIGMA_MPS, G)
     ride.go(2.5)
     ride.t_ns += 2 * SECOND_NS
     ride.aiding.propagate(gap_step(ride.t_ns, 2.0), (0.0, 0.0, 0.0))
     before = ride.attitude.q_nb
-    ride.aiding.velocity((9.0, 9.0), SIGMA_MPS, G)  # whatever happened meanwhile
+    ride.aiding.update_from_velocity(
+        (9.0, 9.0), SIGMA_MPS, G
+    )  # whatever happened meanwhile
     assert ride.attitude.q_nb == before
 
 
@@ -245,6 +245,6 @@ def test_a_snapshot_brings_everything_back() -> None:
     ride.go(3.3)
     saved = ride.aiding.snapshot()
     ride.go(5.0, accel_b=(1.0, 0.0, 0.0))
-    ride.aiding.rest(Rest((0.0, 0.0, 0.0), (0.0, 0.0, -10.0), 1.0), G)
+    ride.aiding.update_from_rest(Rest((0.0, 0.0, 0.0), (0.0, 0.0, -10.0), 1.0), G)
     ride.aiding.restore(saved)
     assert ride.aiding.snapshot() == saved

@@ -104,9 +104,9 @@ class Journey:
 
     def miss_m(self) -> float:
         """From where the antenna is to where the filter says it is."""
-        believed, truth = self.filter.estimate(), self.fix()
+        estimate, truth = self.filter.estimate(), self.fix()
         here = LocalFrame.at(truth.lat_rad, truth.lon_rad)
-        return math.hypot(*here.to_ne(believed.lat_rad, believed.lon_rad))
+        return math.hypot(*here.to_ne(estimate.lat_rad, estimate.lon_rad))
 
     def covariance(self) -> NDArray[np.float64]:
         return np.array(self.filter._kf.P)
@@ -429,5 +429,5 @@ def test_nothing_is_said_before_the_start_but_attitude_and_bias() -> None:
         journey.filter.propagate(step, Rest(bias, (0.0, 0.0, -G), 9.0))
     found, sigma = journey.filter.gyro_bias()
     assert found == pytest.approx(bias, abs=0.02 * DPS)
-    # Rest is told at 5 Hz and votes once a second: 16 votes of 0.05 deg/s.
+    # Updates at 5 Hz, correlated over a second: 16 independent ones of 0.05 deg/s.
     assert sigma == pytest.approx(0.05 * DPS / 4.0, rel=0.5)

@@ -118,7 +118,7 @@ def test_the_products_strapdown_stays_near_the_truth_for_two_minutes(
         zip(f_b.tolist(), w_b.tolist(), strict=True)
     ):
         t_ns = 1 + round(i * 1e9 / rate_hz)
-        step = integrator.add(ImuSample(t_ns, (fx, fy, fz), (wx, wy, wz), 20.0))
+        step = integrator.add_sample(ImuSample(t_ns, (fx, fy, fz), (wx, wy, wz), 20.0))
         if step is None:
             continue
         assert not step.is_gap

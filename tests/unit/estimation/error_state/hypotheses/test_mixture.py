@@ -47,7 +47,7 @@ def test_a_heading_is_not_believed_before_some_seconds_of_fixes() -> None:
     for _ in range(5):
         odds.compare(0.0, -3.0, 1.0)
     assert odds.imu_weight < 0.98
-    odds.doubt()
+    odds.restart_trial()
     assert odds.imu_weight < 0.9
 
 

@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     RESTART_FIXES,
-    SPEED_LASTS_S,
+    SPEED_CORRELATION_S,
     FixNoise,
     ReceiverAlone,
 )
@@ -51,8 +51,8 @@ def test_it_is_a_kalman_filter_of_constant_velocity() -> None:
     oracle.F = np.eye(4) + np.eye(4, k=2)
     eye = np.eye(2)
     after_s = np.linspace(0.0, 1.0, 10_001)  # of a push, by the end of the second
-    speed = np.exp(-after_s / SPEED_LASTS_S)
-    way = SPEED_LASTS_S * (1.0 - speed)
+    speed = np.exp(-after_s / SPEED_CORRELATION_S)
+    way = SPEED_CORRELATION_S * (1.0 - speed)
     pp, pv, vv = (
         np.trapezoid(product, after_s) for product in (way**2, way * speed, speed**2)
     )

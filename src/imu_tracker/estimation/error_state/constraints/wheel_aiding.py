@@ -8,16 +8,16 @@ import math
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.receiver_model import soft_1d
+from imu_tracker.estimation.error_state.receiver_model import soft_gated_1d
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY
 from imu_tracker.samples import ImuSample
 from imu_tracker.wheels.speed import LEAST_SPEED_MPS, SpeedError, WheelSpeed
 
 
-class Hearing:
+class WheelAiding:
     """Learns the wheels of a vehicle, and corrects its speed in outages."""
 
     def __init__(self) -> None:
@@ -34,20 +34,20 @@ class Hearing:
             return
         main = filters[0]
         if main is not self._main:
-            self._wheels.forget_evidence()  # of another filter's speed
+            self._wheels.reset_evidence()  # of another filter's speed
             self._main = main
         speed_mps, sigma_mps = along(main)
         found = self._wheels.add_speed(
             main.nominal.t_ns,
             speed_mps,
             sigma_mps,
-            has_gps=propagation.dark_s < DARK_AFTER_S,
+            has_gps=propagation.outage_s < OUTAGE_AFTER_S,
         )
         if found is not None:
             for eskf in filters:
                 own_mps, _ = along(eskf)
                 if own_mps > 0.5 * LEAST_SPEED_MPS:
-                    eskf.apply(forward(eskf, found, speed_mps - own_mps))
+                    eskf.update(forward(eskf, found, speed_mps - own_mps))
 
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""
@@ -86,4 +86,4 @@ def forward(eskf: Eskf, found: SpeedError, lag_mps: float) -> Measurement:
     H[0, VELOCITY] = (vn / speed_mps, ve / speed_mps, 0.0)
     z = np.array([found.error_mps + lag_mps])
     measured = Measurement(z, H, np.array([[found.var]]))
-    return soft_1d(measured, eskf.innovation_covariance(measured))
+    return soft_gated_1d(measured, eskf.innovation_covariance(measured))
