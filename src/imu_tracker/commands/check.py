@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _DESCRIPTION = """\
-Read the configuration, look for the chip, the receiver and the place of the log, and
-say how to mend what is missing. Ends with 0, or with the code of the first problem. The
-sensors of a daemon that runs are left alone.
+Read the configuration, look for the chip, the receiver and the place of the log, try
+each destination of [[publish]], and say how to mend what is missing. Ends with 0, or
+with the code of the first problem. The sensors of a daemon that runs are left alone.
 
 Without --config it reads /etc/imu-tracker/imu-tracker.toml where that exists."""
 
@@ -68,6 +68,7 @@ def run_check(args: argparse.Namespace) -> int:
 
 
 def _findings(config: "Config", source: str) -> "Iterator[Finding]":
+    from imu_tracker.check.destinations import check_destinations
     from imu_tracker.check.sensors import (
         Finding,
         Verdict,
@@ -87,3 +88,4 @@ def _findings(config: "Config", source: str) -> "Iterator[Finding]":
         text = f"it runs (process {status.get('pid')}) and has the sensors: see status"
         yield Finding(Verdict.OK, "daemon", text)
     yield from check_outputs(config)
+    yield from check_destinations(config)
