@@ -14,7 +14,13 @@ from typing import Any
 
 import pytest
 
-from brokers import (
+from imu_tracker.publish import worker as worker_module
+from imu_tracker.publish.senders.mqtt import WINDOW
+from imu_tracker.publish.thinning import Placed, Rules, Thinner
+from imu_tracker.samples import Mode
+from imu_tracker.storage.latlong import LatLongLog, LogRow, format_utc, read_rows
+from imu_tracker.storage.log_tail import TailPosition
+from support.brokers import (
     Broker,
     Certificates,
     Sent,
@@ -24,13 +30,8 @@ from brokers import (
     needs_mosquitto,
     until,
 )
-from imu_tracker.publish import worker as worker_module
-from imu_tracker.publish.senders.mqtt import WINDOW
-from imu_tracker.publish.thinning import Placed, Rules, Thinner
-from imu_tracker.samples import Mode
-from imu_tracker.storage.latlong import LatLongLog, LogRow, format_utc, read_rows
-from imu_tracker.storage.log_tail import TailPosition
-from published import (
+from support.log_states import state
+from support.published import (
     NOON_S,
     arguments,
     drive,
@@ -41,7 +42,6 @@ from published import (
     working,
     write_log,
 )
-from support.log_states import state
 
 pytestmark = [
     needs_mosquitto,

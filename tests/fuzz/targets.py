@@ -25,7 +25,7 @@ from typing import Final, NamedTuple, TypeVar
 from imu_tracker.commands.status import read_status
 from imu_tracker.config import load_config
 from imu_tracker.errors import ConfigError, TrackerError
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import read_recording
 from imu_tracker.recording.scoring import read_truth

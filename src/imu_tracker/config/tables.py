@@ -40,7 +40,7 @@ from imu_tracker.config.values import (
 from imu_tracker.samples import DEFAULT_MOUNT, SessionHeader
 
 if TYPE_CHECKING:
-    from imu_tracker.estimation.tracker import TrackerSettings
+    from imu_tracker.estimation.settings import TrackerSettings
 
 CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
 
@@ -228,7 +228,7 @@ class Config(Table):
         A header's mount and profile hold unless others are written here; its absence
         is a live session.
         """
-        from imu_tracker.estimation.tracker import TrackerSettings
+        from imu_tracker.estimation.settings import TrackerSettings
 
         mount, profile = self.imu.mount, str(self.filter.profile)
         if header is not None and "mount" not in self.imu.model_fields_set:

@@ -10,26 +10,21 @@ Rows lie on the grid of UTC and never use what arrived after them.
 import math
 from collections import Counter
 from collections.abc import Iterable
-from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
-from imu_tracker.estimation.error_state.estimator import ErrorState
 from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.life_cycle import Phase
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.receiver.utc import UtcClock
-from imu_tracker.estimation.rewind import (
-    COAST_NS,
-    USED_OUTCOMES,
-    Navigator,
-    Rewinding,
-)
+from imu_tracker.estimation.rewind import COAST_NS, USED_OUTCOMES
 from imu_tracker.estimation.rows import ModeMonitor, RowGrid
+from imu_tracker.estimation.settings import TrackerSettings, later, navigator_of
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
-from imu_tracker.samples import GpsFix, ImuSample, Mount, NavState, UtcTime, Vec3
+from imu_tracker.samples import GpsFix, ImuSample, NavState, UtcTime
 
 COAST_AFTER_NS: Final = 400_000_000
 """A step through silence is made so long after its beginning: until then rows wait for
@@ -39,9 +34,6 @@ REST_VETO_NS: Final = 10_000_000_000
 REST_VETO_FIXES: Final = 5
 """Fixes that agree on another place speak against rest for the longer of these: until
 the filter has learnt the speed from them, when the receiver does not tell it."""
-
-TYPICAL_LATENCY_S: Final = 0.2
-"""From the instant that an epoch describes to its first byte, for most receivers."""
 
 START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
@@ -55,70 +47,6 @@ UNUSABLE_OUTCOMES: Final = (
 """Of these not even the speed is used."""
 
 _NO_ROWS: Final[list[NavState]] = []
-
-
-class TrackerSettings(NamedTuple):
-    """What the configuration says to the estimation."""
-
-    estimator: str = "error-state"
-    profile: str = "auto"
-    latency_s: float | None = None  # None: measured, by an estimator that can
-    lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
-    rate_hz: int = 4
-    mount: Mount | None = None  # None: the header's
-    gps_date: str = ""
-    start: tuple[float, float] | None = None  # latitude, longitude in radians
-    start_radius_m: float = 50.0
-    prior: LearnedParameters | None = None  # what an earlier run learnt
-    uses_wheels: bool = True
-
-
-def navigator_of(
-    settings: TrackerSettings, latency_s: float, fix_period: FixPeriod
-) -> Navigator:
-    """Make the estimator that the configuration chooses."""
-    if settings.estimator == "error-state":
-        prior = settings.prior
-        if prior is not None:
-            prior = _later(prior, -latency_s)
-        return ErrorState(
-            *(settings.profile, settings.lever_arm_m, prior),
-            uses_wheels=settings.uses_wheels,
-            fix_period=fix_period,
-        )
-    # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
-    from imu_tracker.estimation.six_state.estimator import SixState
-
-    profile = "free" if settings.profile == "auto" else settings.profile
-    return Rewinding(SixState(profile, settings.lever_arm_m, fix_period), profile)
-
-
-def _later(learnt: LearnedParameters, by_s: float) -> LearnedParameters:
-    """Count the latencies from another instant."""
-    return learnt._replace(
-        latency_s=learnt.latency_s + by_s,
-        velocity_latency_s=learnt.velocity_latency_s + by_s,
-    )
-
-
-class Phase(Enum):
-    """The life of a `Tracker`; `Tracker._enter` changes it, and nothing else does.
-
-    ::
-
-        WAITING --> GUESS --> STARTING --> RUNNING
-           |          |________________^      ^
-           |__________________^               |
-
-    A configured place leads from WAITING to GUESS. A fix leads from either to STARTING,
-    or from GUESS to RUNNING when rows were made already. The first row leads from
-    STARTING to RUNNING.
-    """
-
-    WAITING = "no position is known"
-    GUESS = "at the configured place, without a fix"
-    STARTING = "at a fix, before the first row: the next fix starts the filter again"
-    RUNNING = "rows are made, fixes correct the filter"
 
 
 class Tracker:
@@ -136,14 +64,11 @@ class Tracker:
         self._fix_period = FixPeriod()
         self._preintegrator = Preintegrator()
         self._turning = Turning()
-        latency_s = settings.latency_s
-        if latency_s is None:
-            latency_s = TYPICAL_LATENCY_S
-        self._navigator = navigator_of(settings, latency_s, self._fix_period)
+        self._navigator = navigator_of(settings, self._fix_period)
         self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
         if settings.prior is not None:
             self._standstill.vibration.load_prior(settings.prior.still_levels)
-        self._utc = UtcClock(round(latency_s * 1e9))
+        self._utc = UtcClock(round(settings.assumed_latency_s * 1e9))
         self._grid = RowGrid(settings.rate_hz, self._notify)
         self._modes = ModeMonitor(self._fix_period, self._notify)
         self._last_step: ImuStep | None = None
@@ -334,6 +259,11 @@ class Tracker:
     # ------------------------------------------------------------------- for people
 
     @property
+    def is_standing(self) -> bool:
+        """Whether the IMU shows that the body stands, whatever the receiver says."""
+        return self._standstill.is_standing
+
+    @property
     def counters(self) -> Counter[str]:
         """Fixes by what became of them, samples by what was wrong with them."""
         fixes = Counter({f"fixes_{k}": n for k, n in self._fixes.items()})
@@ -353,7 +283,7 @@ class Tracker:
         if learnt is None or self._phase is Phase.WAITING:
             return None
         row_utc_ns = self._grid.next_utc_ns
-        return _later(learnt, self._utc.latency_ns * 1e-9)._replace(
+        return later(learnt, self._utc.latency_ns * 1e-9)._replace(
             utc_s=None if row_utc_ns is None else row_utc_ns * 1e-9,
             still_levels=self._standstill.vibration.levels,
         )

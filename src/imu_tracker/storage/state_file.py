@@ -294,7 +294,7 @@ class StateFile:
         self._learnt = read_state(self._path, sensor)
         return self._learnt
 
-    def remember(self, learnt: LearnedParameters | None, chip: str = "") -> None:
+    def set_learned(self, learnt: LearnedParameters | None, chip: str = "") -> None:
         """Hear what the session has learnt, and of which chip when that is news."""
         if learnt is not None and self._sensor is not None:
             self._learnt = learnt

@@ -133,6 +133,6 @@ def test_a_refused_file_is_replaced_by_what_is_learnt_anew(tmp_path: Path) -> No
     with pytest.raises(StateError):
         file.begin(SENSOR)
     assert not file.write()
-    file.remember(LEARNT)
+    file.set_learned(LEARNT)
     assert file.write()
     assert read_state(path, SENSOR) == LEARNT

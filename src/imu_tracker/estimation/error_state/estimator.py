@@ -26,10 +26,12 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_c
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.states import (
+    ACCEL_BIAS,
     DELAY,
     GYRO_BIAS,
     MOUNT_PITCH,
     MOUNT_YAW,
+    YAW_D,
 )
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
@@ -46,6 +48,7 @@ from imu_tracker.estimation.error_state.warm_start import (
 from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.tuning import LATEST_FIX_S
 from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -54,9 +57,6 @@ from imu_tracker.samples import GpsFix, ImuSample, Vec3
 FOLD_S: Final = 0.02
 """A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
 begins again at zero, where v times delay is exact."""
-
-LATEST_S: Final = 3.0
-"""A fix that lies further from the filter's instant is of no use."""
 
 
 class ErrorState:
@@ -154,7 +154,7 @@ class ErrorState:
         if start_sigma_m > 0.0:
             self.start(fix.lat_rad, fix.lon_rad, start_sigma_m)
             ahead_s = min(max(ahead_s, -0.1), 0.1)
-        elif abs(ahead_s) > LATEST_S:
+        elif abs(ahead_s) > LATEST_FIX_S:
             return FixOutcome.TOO_LATE
         outcome = self._fixes.update(fix, ahead_s)
         if outcome is FixOutcome.REACQUIRED:
@@ -293,8 +293,10 @@ class ErrorState:
             "gyro_bias_dps": [math.degrees(b) for b in bias],
             "gyro_bias_sigma_dps": math.degrees(sigma),
             "accel_bias_mps2": list(eskf.accel_bias_mps2),
-            "accel_bias_sigma_mps2": [eskf.sigma(i) for i in range(12, 15)],
-            "yaw_sigma_deg": math.degrees(eskf.sigma(8)),
+            "accel_bias_sigma_mps2": [
+                math.sqrt(max(v, 0.0)) for v in eskf.P.diagonal()[ACCEL_BIAS].tolist()
+            ],
+            "yaw_sigma_deg": math.degrees(eskf.sigma(YAW_D)),
             "gyro_gain": list(eskf.gyro_gain),
             "axle_m": eskf.axle_m,
             "delay_s": eskf.delay_s + self._buffer.shift_ns * 1e-9,

@@ -14,11 +14,7 @@ from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.reorient import inflate_gyro_bias
 from imu_tracker.estimation.error_state.platform import Platform
-from imu_tracker.estimation.error_state.propagation import (
-    ANY_HEIGHT_VAR,
-    ANY_SPEED_VAR,
-    Propagation,
-)
+from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
@@ -29,19 +25,24 @@ from imu_tracker.estimation.error_state.receiver_model import (
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
+    P_E,
+    P_N,
     POSITION,
     RECEIVER,
+    V_E,
+    V_N,
     VELOCITY,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    INFLATION_S,
+    MAX_RECEIVER_SIGMAS,
+)
 from imu_tracker.samples import GpsFix, Vec3
-
-BELIEVED_SIGMAS: Final = 2.5
-DOUBT_S: Final = 5.0
-"""A lasting error of the receiver beyond this is the filter's own."""
 
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
@@ -208,18 +209,17 @@ class FixUpdate:
         """Open up where the receiver's error would have to be larger than it can be.
 
         A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `BELIEVED_SIGMAS` becomes its own uncertainty,
+        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
         within some seconds.
         """
         error_m = math.hypot(*eskf.receiver_ne_m)
-        beyond_m = error_m - BELIEVED_SIGMAS * math.sqrt(variance)
+        beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
         if beyond_m > 0.0:
             P = eskf.P.copy()
-            share = min(self.receiver.period_s / DOUBT_S, 1.0)
-            P[0, 0] += share * beyond_m**2
-            P[1, 1] += share * beyond_m**2
-            P[3, 3] += share * (beyond_m / DOUBT_S) ** 2
-            P[4, 4] += share * (beyond_m / DOUBT_S) ** 2
+            share = min(self.receiver.period_s / INFLATION_S, 1.0)
+            for p, v in ((P_N, V_N), (P_E, V_E)):
+                P[p, p] += share * beyond_m**2
+                P[v, v] += share * (beyond_m / INFLATION_S) ** 2
             eskf.P = P
 
     def _position(

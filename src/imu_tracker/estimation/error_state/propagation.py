@@ -18,6 +18,14 @@ from imu_tracker.estimation.error_state.states import (
     RECEIVER,
     VELOCITY,
 )
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    ANY_SPEED_MPS,
+    SILENT_SLOPE_RAD,
+    SILENT_TURN_CORRELATION_S,
+    UNKNOWN_ANGLE_VAR,
+    UNOBSERVED_TURN_RADPS,
+)
 from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -26,15 +34,7 @@ STRETCH_S: Final = 0.1
 """Errors grow, and constraints are applied, in stretches of three steps: in 0.12 s a
 car turns by 5 deg at most."""
 
-ANY_SPEED_VAR: Final = 20.0**2
-ANY_HEIGHT_VAR: Final = 100.0**2
-
-SILENT_TURN_RADPS: Final = 0.1
-SILENT_TURN_CORRELATION_S: Final = 5.0
-SILENT_SLOPE_RAD: Final = 0.1
-UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
-"""While the IMU is silent a body turns so fast, one corner after another; a vehicle
-gets no further from level than slopes do. Any angle at all has the last variance."""
+ANY_SPEED_VAR: Final = ANY_SPEED_MPS**2
 
 
 class Propagation:
@@ -154,7 +154,7 @@ class Propagation:
         """
         platform = self._platform
         lasted_s = min(self._silent_s, SILENT_TURN_CORRELATION_S)
-        turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
+        turned_var = 2.0 * UNOBSERVED_TURN_RADPS**2 * lasted_s * dt_s
         needs_inflation = self._alignment.can_use_force(None)
         sped_var = platform.unknown_accel_psd * dt_s if needs_inflation else 0.0
         if self._silent_s > SILENT_TURN_CORRELATION_S:

@@ -35,7 +35,8 @@ from imu_tracker.estimation.error_state.states import (
     transition,
 )
 from imu_tracker.estimation.receiver.gate import AGREEING_FIXES, FixOutcome
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tuning import SOFT_GATE_SIGMAS
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import (
     from_euler,
@@ -163,7 +164,7 @@ def test_a_car_that_slides_is_believed_to_slide() -> None:
     sliding.nominal = sliding.nominal._replace(v_n=(-9.0, 14.0, 0.0))
     calm, wild = vehicle.non_holonomic(eskf, 1.0), vehicle.non_holonomic(sliding, 1.0)
     assert abs(wild.z[0]) > 10.0
-    assert wild.R[0, 0] >= (wild.z[0] / vehicle.SOFT_GATE) ** 2 * 0.99
+    assert wild.R[0, 0] >= (wild.z[0] / SOFT_GATE_SIGMAS) ** 2 * 0.99
     assert calm.R[0, 0] < 1.0
 
 

@@ -442,7 +442,9 @@ class Alignment:
 
     def _forget_prior(self, eskf: Eskf) -> None:
         """Doubt the orientation, the biases and the mounting as a first start does."""
-        eskf.inflate_orientation(eskf.sigma(8), is_vehicle=self._platform.is_vehicle)
+        eskf.inflate_orientation(
+            eskf.sigma(YAW.start), is_vehicle=self._platform.is_vehicle
+        )
         if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
             inflate_gyro_bias(eskf)
         if self._platform.is_vehicle and self.level_q is not None:

@@ -6,7 +6,6 @@ alone.
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -19,17 +18,21 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import AloneEstimate
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.states import DELAY, N_ERRORS, RECEIVER, Array
+from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    N_ERRORS,
+    POSITION,
+    RECEIVER,
+    V_E,
+    V_N,
+    VELOCITY,
+    Array,
+)
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.tuning import LARGEST_RADIUS_M, LONGER_SHARE
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.samples import Vec3
-
-LONGER_SHARE: Final = 0.2
-"""Orbits and air are wrong for hours, not for the minute of the state for a receiver's
-error, and the filter takes that part for a place: a fifth of that state's variance."""
-
-_LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
 
 class Combined:
@@ -84,7 +87,7 @@ class Combined:
         r95 = radius_m(
             [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
         )
-        return leader._replace(r95_m=min(r95, _LARGEST_RADIUS_M))
+        return leader._replace(r95_m=min(r95, LARGEST_RADIUS_M))
 
     def _by_receiver(self, dt_s: float) -> Estimate | None:
         """Estimate without an IMU; height and attitude are the filter's."""
@@ -122,17 +125,17 @@ class Combined:
         total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
         r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.ambiguity_m)
         return Estimate(
-            lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, _LARGEST_RADIUS_M)
+            lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, LARGEST_RADIUS_M)
         )
 
     def _position_cov_m2(self, vn: float, ve: float, after_s: float) -> Array:
         """Covariance of p + v delay, carried over the time since the filter's."""
         P = self._eskf.P
         H = np.zeros((2, N_ERRORS))
-        H[0, 0] = H[1, 1] = 1.0
-        H[0, 3] = H[1, 4] = after_s
+        H[:, POSITION] = np.eye(2, 3)
+        H[:, VELOCITY] = after_s * np.eye(2, 3)
         if self._alignment.is_aligned:  # before, velocity itself follows the fixes
-            H[0, DELAY], H[1, DELAY] = vn, ve
+            H[:, DELAY] = (vn, ve)
         cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
         return cov
 
@@ -142,4 +145,4 @@ class Combined:
             alone = self._alone_at(0.0)
             return math.hypot(*alone.v_ne_mps), math.sqrt(alone.velocity_var)
         vn, ve, _ = self._eskf.nominal.v_n
-        return math.hypot(vn, ve), max(self._eskf.sigma(3), self._eskf.sigma(4))
+        return math.hypot(vn, ve), max(self._eskf.sigma(V_N), self._eskf.sigma(V_E))

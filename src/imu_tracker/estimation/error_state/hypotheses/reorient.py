@@ -15,6 +15,8 @@ from imu_tracker.estimation.error_state.states import (
     GYRO_BIAS,
     MOUNT_YAW,
     N_ERRORS,
+    TILT,
+    YAW_D,
     start_covariance,
 )
 from imu_tracker.geometry.rotation import (
@@ -45,7 +47,7 @@ def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
     eskf.nominal = nominal._replace(q_nb=turn_about_down(nominal.q_nb, yaw_rad))
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     T = np.eye(N_ERRORS)
-    T[6:8, 6:8] = [[cosine, -sine], [sine, cosine]]
+    T[TILT, TILT] = [[cosine, -sine], [sine, cosine]]
     eskf.P = T @ eskf.P @ T.T
 
 
@@ -59,10 +61,10 @@ def set_course_heading(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
     """
     rotate_yaw(eskf, off_course(eskf, course_rad))
     P = eskf.P.copy()
-    P[8, :] = P[:, 8] = 0.0
+    P[YAW_D, :] = P[:, YAW_D] = 0.0
     row = -P[MOUNT_YAW, :].copy()
-    P[8, :] = P[:, 8] = row
-    P[8, 8] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
+    P[YAW_D, :] = P[:, YAW_D] = row
+    P[YAW_D, YAW_D] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
     eskf.P = P
 
 

@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.states import GYRO_DRIFT_PSD, Array
+from imu_tracker.estimation.error_state.states import Array
+from imu_tracker.estimation.tuning import GYRO_DRIFT_PSD
 
 N_HYPOTHESES: Final = 12
 """30 degrees apart: each filter is linear over the 15 to its border."""
