@@ -57,15 +57,15 @@ def add_status(subparsers: Subparsers) -> None:
 def run_status(args: argparse.Namespace) -> int:
     """Print the status once, or each second."""
     config = config_of(args)
-    path, guide = config.status.path, _guide_of(config)
+    guide = _guide_of(config)
     if not args.watch:
-        page, is_healthy = _page(path, guide, is_json=args.json)
+        page, is_healthy = _page(config, guide, is_json=args.json)
         write(page)
         return 0 if is_healthy else NotRunningError.exit_code
     clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
     try:
         while True:
-            write(clear + _page(path, guide, is_json=args.json)[0])
+            write(clear + _page(config, guide, is_json=args.json)[0])
             sys.stdout.flush()
             time.sleep(1)
     except KeyboardInterrupt:
@@ -97,14 +97,32 @@ def _guidance(guide: "Guide", row: dict[str, Any]) -> dict[str, Any]:
     return guide.at(row_then).summary()
 
 
-def _page(path: Path, guide: "Guide | None", *, is_json: bool) -> tuple[str, bool]:
+def _page(
+    config: "Config", guide: "Guide | None", *, is_json: bool
+) -> tuple[str, bool]:
     """Return what is shown, and whether rows reach the log."""
-    text, status = read_status(path)
+    text, status = read_status(config.status.path)
+    is_healthy = status.get("state") != "not logging"
+    publish = _published(config)
     if guide is not None and isinstance(row := status.get("row"), dict):
         status["guide"] = _guidance(guide, row)
-        text = json.dumps(status)
-    page = f"{text.strip()}\n" if is_json else "\n".join(_lines(status)) + "\n"
-    return page, status.get("state") != "not logging"
+    if is_json:
+        status |= {"publish": publish} if publish else {}
+        page = f"{json.dumps(status) if guide or publish else text.strip()}\n"
+        return page, is_healthy
+    status |= {f"publish {name}": found for name, found in publish.items()}
+    return "\n".join(_lines(status)) + "\n", is_healthy
+
+
+def _published(config: "Config") -> dict[str, Any]:
+    """Return how each destination of `imu-tracker publish` is; empty: it has none."""
+    try:
+        _, found = status_file.read_status(config.status.publish, "imu-tracker publish")
+    except (NotRunningError, PermissionError) as error:
+        reason = f"{error}"
+        return {table.name: {"state": reason} for table in config.publish}
+    destinations = found.get("destinations")
+    return destinations if isinstance(destinations, dict) else {}
 
 
 def read_status(path: Path) -> tuple[str, dict[str, Any]]:
@@ -131,6 +149,8 @@ def _lines(status: dict[str, Any]) -> Iterator[str]:
     groups = {key: value for key, value in status.items() if isinstance(value, dict)}
     yield from _table({k: v for k, v in status.items() if k not in groups}, indent="")
     for name, group in groups.items():
+        if not group:
+            continue
         yield ""
         yield _words(name)
         lists = [value for value in group.values() if isinstance(value, list)]

@@ -6,18 +6,26 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
-import math
 import os
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.faults import faults_of
 from imu_tracker.daemon.state import KeptState
-from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
+from imu_tracker.daemon.status import (
+    VERSION,
+    Status,
+    disk_free_mb,
+    log_of,
+    prediction_of,
+    row_of,
+    status_files,
+)
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.notices import HoldOff
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import LiveRecordingWriter
@@ -251,26 +259,18 @@ class Loop:
         total.update(self._feed.counters)
         return total
 
-    def _ahead(self) -> dict[str, Any] | None:
-        """Where it will be: a column of the status for each column of a prediction."""
-        if self._row is None or self._pipeline is None:
-            return None
-        found = self._pipeline.predict(AHEAD_S)
-        return {
-            "after_s": [told.after_s for told in found],
-            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
-            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
-            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
-        }
-
-    def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
+    def _describe(self, now_ns: int, counters: Counter[str]) -> Status:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
-        health, pipeline = self._feed.health(), self._pipeline
-        learnt = {} if pipeline is None else pipeline.report()
-        learnt.pop("counters", None)
-        fix_age_s = (now_ns - self._fix_ns) // SECOND_NS
-        unread = {} if pipeline is None else pipeline.unread
+        health, fix_age_s = self._feed.health(), (now_ns - self._fix_ns) // SECOND_NS
+        learnt, ahead = EstimatorReport(), None
+        unread: dict[str, int] = {}
+        if self._pipeline is not None:
+            if self._row is not None:
+                ahead = prediction_of(self._pipeline.predict(AHEAD_S))
+            learnt = self._pipeline.report()
+            learnt.pop("counters")
+            unread = self._pipeline.unread
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -289,10 +289,10 @@ class Loop:
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
-            "prediction": self._ahead(),
+            "prediction": ahead,
             **health,
-            **({"unread_sentences": unread} if unread else {}),
-            "log": {"path": str(self._config.log.path), **self._latlong.health()},
+            "unread_sentences": unread,
+            "log": log_of(self._config.log.path, self._latlong),
             "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),
             "learnt": learnt,

@@ -96,10 +96,6 @@ class LatLongLog:
         """Whether rows wait in memory because the disk does not take them."""
         return self._file.is_failing
 
-    def health(self) -> dict[str, bool | str | None]:
-        """Say for the status whether rows are written."""
-        return {"is_failing": self.is_failing, "trouble": self.trouble or None}
-
     @property
     def trouble(self) -> str:
         """Why rows are not written now, and what to do; "" while they are."""
