@@ -221,6 +221,7 @@ class ErrorState:
     def estimate_after(self, dt_s: float) -> Estimate:
         """Place of the leading hypothesis, and the radius that holds both."""
         imu, alone = self._by_imu(dt_s), self._by_receiver(dt_s)
+        imu = imu._replace(r95_m=self._radius_of_all(imu.r95_m, dt_s))
         if alone is None:
             return imu
         here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
@@ -234,6 +235,22 @@ class ErrorState:
             [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
         )
         return leader._replace(r95_m=min(r95, _LARGEST_RADIUS_M))
+
+    def _radius_of_all(self, r95_m: float, dt_s: float) -> float:
+        """Radius about the leading filter that holds all headings that are alive."""
+        if not self._bank.has_headings:
+            return r95_m
+        main, *others = self._bank.filters
+        weight, *weights = self._bank.weights
+        t_ns = self._trail.now_ns + round(dt_s * 1e9) + self._shift_ns
+        after_s = (t_ns - main.nominal.t_ns) * 1e-9
+        parts = [(weight, 0.0, r95_m)]
+        for each, share in zip(others, weights, strict=True):
+            (pn, pe, _), (vn, ve, _) = _apart(each, main)
+            vn, ve = vn * after_s, ve * after_s
+            cov = self._position_cov_m2(each, *each.nominal.v_n[:2], after_s)
+            parts.append((share, math.hypot(pn + vn, pe + ve), r95_of(cov)))
+        return min(radius_m(parts), _LARGEST_RADIUS_M)
 
     def _by_receiver(self, dt_s: float) -> Estimate | None:
         """Estimate without an IMU; height and attitude are the filter's."""
@@ -269,14 +286,16 @@ class ErrorState:
         lat, lon = self._propagation.frame.to_lat_lon(north, east)
         alt = None if fixes.alt_origin_m is None else fixes.alt_origin_m - down
         total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
-        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.doubt_m)
+        r95 = max(r95_of(self._position_cov_m2(eskf, vn, ve, total_s)), fixes.doubt_m)
         return Estimate(
             lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, _LARGEST_RADIUS_M)
         )
 
-    def _position_cov_m2(self, vn: float, ve: float, after_s: float) -> Array:
+    def _position_cov_m2(
+        self, eskf: Eskf, vn: float, ve: float, after_s: float
+    ) -> Array:
         """Covariance of p + v delay, carried over the time since the filter's."""
-        P = self._eskf.P
+        P = eskf.P
         H = np.zeros((2, N_ERRORS))
         H[0, 0] = H[1, 1] = 1.0
         H[0, 3] = H[1, 4] = after_s
@@ -365,6 +384,17 @@ class ErrorState:
         self._alignment.remember(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
+    def _weights(self) -> dict[str, float]:
+        """Hypotheses that are alive by their names, with their probabilities."""
+        imu_weight, bank = self._fixes.comparison.odds.imu_weight, self._bank
+        named = {"receiver_alone": 1.0 - imu_weight}
+        names = [bank.main_name, *(rival.name for rival in bank.rivals)]
+        for name, share in zip(names, bank.weights, strict=True):
+            if share > 0.0:
+                label = f"imu, {name}" if bank.has_headings else "imu"
+                named[label] = named.get(label, 0.0) + imu_weight * share
+        return named
+
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""
         eskf, fixes = self._eskf, self._fixes
@@ -396,8 +426,12 @@ class ErrorState:
             "fix_log_likelihood": fixes.log_likelihood_mean,
             "noise_level": self._bank.level,
             "wheels": None if self._hearing is None else self._hearing.report(),
-            "hypotheses": {
-                "imu": fixes.comparison.odds.imu_weight,
-                "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,
-            },
+            "hypotheses": self._weights(),
         }
+
+
+def _apart(one: Eskf, other: Eskf) -> tuple[Vec3, Vec3]:
+    """Position and velocity of a filter less those of another."""
+    (pn, pe, pd), (vn, ve, vd) = one.nominal.p_n, one.nominal.v_n
+    (qn, qe, qd), (un, ue, ud) = other.nominal.p_n, other.nominal.v_n
+    return (pn - qn, pe - qe, pd - qd), (vn - un, ve - ue, vd - ud)

@@ -282,13 +282,37 @@ class Eskf:
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
         self.P = T @ self.P @ T.T
 
-    def take_over(self, other: "Eskf") -> None:
-        """Become another filter, but for the noise level and what it cannot know."""
-        delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self.P.diagonal(), self.noise
-        self.__dict__.update(other.clone(noise).__dict__)
-        self.set_variances(DELAYS, kept[DELAYS])
-        self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
+    def set_delay_covariance(self, block: Array) -> None:
+        """Make the two delays known so well, and independent of all other errors."""
+        P = self.P.copy()
+        P[DELAYS, :] = P[:, DELAYS] = 0.0
+        P[DELAYS, DELAYS] = block
+        self.P = P
+
+    def separate_delays(self) -> None:
+        """Take position and velocity for the receiver's, late by unknown delays.
+
+        Without a heading the filter follows the fixes: its position and velocity are
+        those that the receiver reports. With one they are the body's.
+
+        Notes
+        -----
+        p_r = p + v delay, v_r = v + a velocity_delay: the sums stay as well known as
+        they were, p and v become as uncertain as the delays.
+        """
+        t_ns, (pn, pe, pd), (vn, ve, vd), q_nb = self.nominal
+        an, ae, _ = self.mean_a_n
+        late_s, v_late_s = self.delay_s, self.velocity_delay_s
+        self.nominal = Nominal(
+            t_ns,
+            (pn - vn * late_s, pe - ve * late_s, pd),
+            (vn - an * v_late_s, ve - ae * v_late_s, vd),
+            q_nb,
+        )
+        T = np.eye(N_ERRORS)
+        T[0, DELAY], T[1, DELAY] = -vn, -ve
+        T[3, VELOCITY_DELAY], T[4, VELOCITY_DELAY] = -an, -ae
+        self.P = T @ self.P @ T.T
 
     def forget_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""

@@ -32,6 +32,7 @@ from imu_tracker.estimation.error_state.states import (
     POSITION,
     RECEIVER,
     VELOCITY,
+    VELOCITY_DELAY,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
@@ -125,7 +126,7 @@ class FixUpdate:
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
-        for each in self._alignment.filters:
+        for each in self._bank.filters:
             each.take_receiver_var(receiver.lasting_var(fix))
             self._doubt(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
@@ -133,7 +134,9 @@ class FixUpdate:
         position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        has_say = is_aligned and not self._propagation.is_imu_silent
+        has_say = is_aligned and not (
+            self._propagation.is_imu_silent or receiver.is_catching_up
+        )
         verdict = self.comparison.weigh(
             *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
         )
@@ -159,29 +162,22 @@ class FixUpdate:
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
         is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
+        is_tracking = is_tracking and not receiver.is_catching_up
         if is_tracking and self.comparison.odds.has_imu_lead:
             # The fix as it is, not as it counts: votes would make any receiver shine.
             S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
             receiver.learn_position(nis_alone)
-        main, challenger = (
-            self._correct(each, fix, ahead_s) for each in self._bank.filters
-        )
-        if self._alignment.agnostic is not None:
-            self._correct(self._alignment.agnostic, fix, ahead_s)
-        if is_aligned:
-            self._alignment.judge(main, challenger, receiver.period_s)
+        likelihoods = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
+        if is_aligned and not receiver.is_catching_up:
+            self._alignment.judge(likelihoods, receiver.period_s)
         self._propagation.dark_s = 0.0
         return FixOutcome.ACCEPTED
 
     def _saves_imu(self, fix: GpsFix) -> bool:
-        """Whether it was only a heading that was wrong, by trial or by guess."""
-        alignment = self._alignment
-        is_guess = alignment.agnostic is not None
-        if not alignment.take_other_heading():
-            if not is_guess:
-                return False
-            alignment.doubt_course()
+        """Whether it was only a heading that was wrong."""
+        if not self._alignment.take_other_heading():
+            return False
         self._begin_at(fix)
         self.comparison.odds.pardon()
         return True
@@ -189,12 +185,11 @@ class FixUpdate:
     def _relearn(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
         self._alignment.lose("the IMU contradicts the receiver: GPS alone")
-        self._alignment.doubt_course()
         self._restarted_ns = None
-        fresh = start_covariance(is_vehicle=False).diagonal()
+        fresh = start_covariance(is_vehicle=False)
         for eskf in self._bank.filters:
             forget_gyro_bias(eskf)
-            eskf.set_variances(DELAYS, fresh[DELAYS])
+            eskf.set_delay_covariance(fresh[DELAYS, DELAYS])
         self.receiver.forget_noise()
         self._begin_at(fix)
 
@@ -222,8 +217,8 @@ class FixUpdate:
         """Measurement of the position: the same for gate, comparison and update."""
         frame = self._propagation.frame
         position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
-        if not self._alignment.is_aligned or eskf is self._alignment.agnostic:
-            position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
+        if not self._alignment.is_aligned:
+            position.H[:, DELAY] = 0.0
         return position
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
@@ -236,10 +231,13 @@ class FixUpdate:
         eskf.apply(position)
         eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
         velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
+        if velocity is not None and not is_aligned:
+            velocity.H[:, VELOCITY_DELAY] = 0.0
         if velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
             is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
             is_tracking = is_tracking and self.comparison.odds.has_imu_lead
+            is_tracking = is_tracking and not receiver.is_catching_up
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
@@ -263,21 +261,17 @@ class FixUpdate:
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
-        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
+        down = self._bank.main.nominal.p_n[2]
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.doubt_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
         speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:
-            if levelled is not None:
-                eskf.take_over(levelled)
-                eskf.forget_orientation(math.pi, is_vehicle=self._carrier.is_vehicle)
-                eskf.receiver_ne_m = (0.0, 0.0)
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
             )
             eskf.set_variances(POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
             eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
             eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
-        if levelled is not None:
-            self._alignment.is_aligned = False
+            if self._alignment.is_aligned:
+                eskf.separate_delays()

@@ -105,8 +105,6 @@ class Propagation:
         use_force = alignment.can_use_force(rest)
         for eskf in self._bank.filters:
             eskf.propagate(step, use_force=use_force)
-        if alignment.agnostic is not None:
-            alignment.agnostic.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
         if step.is_gap:
@@ -136,10 +134,6 @@ class Propagation:
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
         self._carrier.turned_rad += self._bank.main.rate_n[2] * stretch_s
-        if alignment.agnostic is not None:
-            rests = rest is not None
-            unknown = 0.0 if rests else self._carrier.unknown_accel_psd
-            alignment.agnostic.predict(use_force=rests, unknown_accel_psd=unknown)
 
     def _bear_silence(self, dt_s: float) -> None:
         """Let the body have moved while the IMU said nothing.
@@ -169,7 +163,7 @@ class Propagation:
         more = np.zeros(N_ERRORS)
         more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
         most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             before = eskf.P.diagonal()[ATTITUDE]
             P = eskf.P + np.diag(more)
             # An angle has an end; its correlations shrink with it.
@@ -184,13 +178,10 @@ class Propagation:
         north, east, _ = self._bank.main.nominal.p_n
         lat, lon = self.frame.to_lat_lon(north, east)
         self.frame = LocalFrame.at(lat, lon)
-        agnostic = self._alignment.agnostic
         self._alignment.moved(north, east)
         for eskf in self._bank.filters:
             _shift(eskf, -north, -east)
             eskf.gravity_mps2 = gravity_mps2(lat)
-        if agnostic is not None:
-            _shift(agnostic, -north, -east)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:

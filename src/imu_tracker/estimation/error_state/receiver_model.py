@@ -61,6 +61,13 @@ LATE_S: Final = 1.0
 """Receivers that smooth their velocities tell them late by a varying second: that is no
 fault of the filter's."""
 
+HOLDING_S: Final = 5.0
+CATCHING_UP_S: Final = 8.0
+HELD_PLACE_SIGMA_M: Final = 5.0
+HELD_SPEED_SIGMA_MPS: Final = 1.0
+"""Static navigation: a receiver that repeats its place for so long at rest holds it,
+does not report the first metres of a slow motion, and then catches up."""
+
 ACCEL_OVER_S: Final = 0.8
 LONGEST_S: Final = 10.0
 """Over less than about a second a velocity's noise passes for acceleration; over a long
@@ -112,6 +119,9 @@ class ReceiverModel:
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
+        self._held: tuple[float, float] | None = None  # place that is repeated
+        self._held_since_ns = self._last_held_ns = 0
+        self._is_holding = False
         self._fix_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
@@ -127,8 +137,23 @@ class ReceiverModel:
         """Velocities that count as one."""
         return max(1.0, VELOCITY_LASTS_S / self.period_s)
 
+    @property
+    def is_catching_up(self) -> bool:
+        """Whether it holds its place, or did some seconds ago, while the body moves."""
+        if self._fix_ns is None or self.is_resting or not self._is_holding:
+            return False
+        return self._fix_ns - self._last_held_ns < CATCHING_UP_S * 1e9
+
+    def _observe_held_place(self, fix: GpsFix) -> None:
+        place = (fix.lat_rad, fix.lon_rad)
+        if place != self._held:
+            self._held, self._held_since_ns = place, fix.t_ns
+        elif fix.t_ns - self._held_since_ns > HOLDING_S * 1e9:
+            self._is_holding, self._last_held_ns = True, fix.t_ns
+
     def observe(self, fix: GpsFix) -> None:
-        """Learn how often fixes come, and how their velocity changes."""
+        """Learn how often fixes come, and how their place and velocity change."""
+        self._observe_held_place(fix)
         if self._fix_ns is not None:
             period_s = (fix.t_ns - self._fix_ns) * 1e-9
             if 0.0 < period_s < 10.0:
@@ -168,7 +193,10 @@ class ReceiverModel:
         lasting_var = max(self.nis_level, 1.0) * fix.sigma_h_m**2
         late_var = (LATE_S * (self.accel_mps2 or 0.0)) ** 2
         velocity_var = self.velocity_var * self.velocity_votes
-        return FixNoise(float(position.R[0, 0]), velocity_var, lasting_var, late_var)
+        position_var = float(position.R[0, 0])
+        if self.is_catching_up:
+            position_var -= HELD_PLACE_SIGMA_M**2
+        return FixNoise(position_var, velocity_var, lasting_var, late_var)
 
     def position(
         self,
@@ -201,7 +229,11 @@ class ReceiverModel:
         timing = RESOLUTION_M**2 + TIMING_SIGMA_S**2 * (vn * vn + ve * ve)
         # Carried over a time of which the acceleration is not known exactly.
         carried = (0.5 * max(abs(after_s) - 0.05, 0.0) ** 2) ** 2
-        return Measurement(z, H, np.eye(2) * (white * self.votes + timing + carried))
+        variance = white * self.votes + timing + carried
+        if self.is_catching_up:
+            H[:, DELAY] = 0.0
+            variance += HELD_PLACE_SIGMA_M**2
+        return Measurement(z, H, np.eye(2) * variance)
 
     def velocity(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -224,6 +256,9 @@ class ReceiverModel:
         H[:, VELOCITY_DELAY] = (an, ae)
         smeared_var = VELOCITY_SMEAR_S**2 * (an * an + ae * ae)
         variance = self.velocity_var * self.velocity_votes + smeared_var
+        if self.is_catching_up:
+            H[:, VELOCITY_DELAY] = 0.0
+            variance += HELD_SPEED_SIGMA_MPS**2
         return Measurement(z, H, np.eye(2) * variance)
 
     def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:

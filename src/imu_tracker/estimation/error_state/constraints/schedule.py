@@ -88,15 +88,13 @@ class Behaviour:
             if not alignment.is_aligned:
                 for eskf in self._bank.filters:
                     self._level(eskf, dark_s)
-            if alignment.agnostic is not None:
-                self._level(alignment.agnostic, dark_s)
             if dark_s > DARK_AFTER_S:
                 self._go_on(dark_s)
             else:
                 self._learn()
 
     def _rest(self, rest: Rest, period_s: float) -> None:
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             eskf.apply(vehicle.rest(eskf, rest, period_s))
 
     def _learn(self) -> None:

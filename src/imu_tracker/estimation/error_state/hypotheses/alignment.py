@@ -1,9 +1,9 @@
 """Which way is down, which way is north, and how the box sits: the coarse stage.
 
-Course is not heading. The course is taken for the heading of a vehicle as soon as there
-is one, and held against what the accelerations say: beside the filters goes one that
-never believed the course (`agnostic`), and levels the accelerations for the yaw bank.
-Where the bank contradicts, a filter with its heading is tried by likelihood.
+Course is not heading. A vehicle goes along its course, but its box may lie turned, or
+it may reverse: when the course is known first, eight filters begin, one for each way
+the box may be turned, weighted by what the accelerations before have told the yaw bank.
+The fixes decide between them. Bodies without wheels have the yaw bank alone.
 """
 
 import math
@@ -13,16 +13,22 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf
-from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
+    Kind,
+    NoiseBank,
+    Rival,
+)
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
+    COURSE_SPEED_MPS,
     REVERSE_MPS,
     REVERSE_RAD,
+    course_sigma_rad,
     forget_gyro_bias,
     head_for,
+    mount,
     off_course,
     place,
     turn,
-    yaw_between,
 )
 from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
@@ -51,12 +57,8 @@ LEVELLING_S: Final = 1.0
 ODD_MOUNTING_RAD: Final = math.radians(20.0)
 """No road and no hand's error tips a box so far."""
 
-COURSE_SPEED_MPS: Final = 2.0
 COURSE_TURN_RADPS: Final = 0.3
-COURSE_SIGMA_RAD: Final = math.radians(5.0)
-COURSE_SIGMA_MPS: Final = 0.2
-"""Between course and direction of travel of a vehicle that does not turn tightly; and
-across it, at low speed."""
+"""A vehicle that turns more tightly does not head along its course."""
 
 BANK_PERIOD_S: Final = 0.5
 BANK_VELOCITY_VAR: Final = 0.3**2
@@ -70,12 +72,11 @@ make it err by 10 degrees."""
 GUESS_SIGMA_RAD: Final = math.radians(30.0)
 """A bank less sure than this says nothing."""
 
-PATIENCE_S: Final = 5.0
-"""For so long of a usable course the bank is heard first: pulling off shows it in some
-seconds whether the box sits turned; on a steady road it never can."""
-
-DOUBTED_PATIENCE_S: Final = 60.0
-"""And for so long once a course has proved to be no heading."""
+TURNED_BY_RAD: Final = math.pi / 4.0
+TURNED_SIGMA_RAD: Final = math.radians(15.0)
+TURNED_NATS: Final = -2.0
+"""Steps in which a box may lie turned in its vehicle, how far it is off those, and the
+log odds of each against one that points ahead."""
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
@@ -111,9 +112,6 @@ class Alignment:
         Whether down is known, and north.
     level_q : Quat or None
         Attitude of the box as it was levelled.
-    agnostic : Eskf or None
-        The filter that never took the course for the heading, until the yaw bank has
-        confirmed the others.
     is_memory_unproved : bool
         Whether what an earlier run learnt is in the filters, and was not yet held
         against a filter without it.
@@ -126,11 +124,9 @@ class Alignment:
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
-        self._waited_s, self._patience_s = 0.0, PATIENCE_S
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
-        self.agnostic: Eskf | None = None
         self.is_memory_unproved = self._is_memory_tried = False
         self._is_memory_fresh = self._is_half_turn_tried = False
         self._with_memory: Eskf | None = None
@@ -140,21 +136,6 @@ class Alignment:
         """Whether down is known."""
         return self.level_q is not None
 
-    @property
-    def filters(self) -> tuple[Eskf, ...]:
-        """All there are: what happens to the body, happens to each."""
-        agnostic = self.agnostic
-        return self._bank.filters + (() if agnostic is None else (agnostic,))
-
-    @property
-    def _reference(self) -> Eskf:
-        """Whose attitude the bank's accelerations are levelled by.
-
-        Until the bank has spoken once, a filter that never took the course for the
-        heading: a wrong heading spoils the tilt, and with it the evidence.
-        """
-        return self._bank.main if self.agnostic is None else self.agnostic
-
     def can_use_force(self, rest: Rest | None) -> bool:
         """Whether forces can be rotated; at rest any yaw will do."""
         return self.is_level and (self.is_aligned or rest is not None)
@@ -162,12 +143,7 @@ class Alignment:
     def start(self) -> None:
         """Gather the evidence anew; the attitude stays."""
         self._yaw_bank.forget()
-        self.agnostic = None
-        self._waited_s, self._n_contradicted = 0.0, 0
-
-    def doubt_course(self) -> None:
-        """Wait for accelerations to show the heading: the course was none."""
-        self._patience_s = DOUBTED_PATIENCE_S
+        self._n_contradicted = 0
 
     # --------------------------------------------------------------- with each step
 
@@ -195,7 +171,7 @@ class Alignment:
 
     def observe_stretch(self) -> None:
         """Give the yaw bank the level acceleration since the last prediction."""
-        (dvn, dve, _), dt = self._reference.stretch
+        (dvn, dve, _), dt = self._bank.main.stretch
         self._yaw_bank.add(dt, (dvn, dve))
 
     def moved(self, north_m: float, east_m: float) -> None:
@@ -209,6 +185,7 @@ class Alignment:
             self.lose()
         elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
+            self._bank.challenge_noise()
             self.start()  # the bank, too, turned with this attitude
 
     def lose(self, notice: str = "the orientation was lost; learnt anew") -> None:
@@ -240,7 +217,7 @@ class Alignment:
             self._settle(is_other=True)
             return True
         yaw_rad, sigma_rad = self._yaw_bank.answer()
-        if self.agnostic is not None or not _contradicts(yaw_rad, sigma_rad):
+        if not _contradicts(yaw_rad, sigma_rad):
             return False
         self._bank.challenge_noise()
         self._is_memory_tried = self._is_half_turn_tried = False
@@ -249,9 +226,9 @@ class Alignment:
         self._notify("the heading was wrong; learnt anew")
         return True
 
-    def judge(self, main: float, challenger: float, period_s: float) -> None:
+    def judge(self, likelihoods: list[float], period_s: float) -> None:
         """Let the likelihood of the fix decide between the filters."""
-        heading = self._bank.judge(main, challenger, period_s)
+        heading = self._bank.judge(likelihoods, period_s)
         if heading is not None:
             self._settle(is_other=heading)
 
@@ -267,7 +244,6 @@ class Alignment:
         elif self._is_half_turn_tried:
             self._notify("the box sits with its x axis backwards")
         self._is_half_turn_tried = False
-        self.agnostic = None
         self._yaw_bank.forget()
 
     def observe(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
@@ -275,7 +251,7 @@ class Alignment:
         self._mind_reverse()
         self._ask_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._align(fix, receiver.period_s)
+            self._align(fix)
         elif self.is_memory_unproved and not self._bank.is_heading_trial:
             self._try_memory(fix)
 
@@ -285,6 +261,9 @@ class Alignment:
             return
         main = self._bank.main
         if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
+            if self._bank.has_headings:
+                main.turn_mounting_half()  # the other heading is alive already
+                return
             candidate = main.clone(main.noise)
             turn(candidate, math.pi)
             candidate.forget_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
@@ -297,19 +276,22 @@ class Alignment:
         self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel
     ) -> None:
         """Compare the heading with what the accelerations say of it."""
-        yaw_bank, eskf, levelled = self._yaw_bank, self._bank.main, self._reference
+        yaw_bank, eskf = self._yaw_bank, self._bank.main
         self._yaw_bank_due_s -= receiver.period_s
         if self._yaw_bank_due_s > 0.0:
             return
         self._yaw_bank_due_s = BANK_PERIOD_S
+        if receiver.is_catching_up:
+            yaw_bank.forget()
+            return
         yaw_bank.update(
             position_ne,
             max(0.35 * fix.sigma_h_m, 0.3) ** 2,
             None if fix.vel_ne_mps is None else np.array(fix.vel_ne_mps),
             receiver.velocity_var + BANK_VELOCITY_VAR,
             max(0.1, eskf.sigma(VELOCITY_DELAY)) ** 2,
-            levelled.level_accel_var,
-            levelled.down_bias,
+            eskf.level_accel_var,
+            eskf.down_bias,
         )
         if self.is_aligned and (
             self._is_memory_tried or not self._bank.is_heading_trial
@@ -318,19 +300,14 @@ class Alignment:
 
     def _hold_against(self, yaw_rad: float, sigma_rad: float) -> None:
         """Try the bank's heading, once it has contradicted for long enough."""
-        eskf, levelled = self._bank.main, self._reference
-        turned_rad = yaw_between(eskf.nominal.q_nb, levelled.nominal.q_nb)
-        if not _contradicts(wrap_pi(yaw_rad - turned_rad), sigma_rad):
+        eskf = self._bank.main
+        if not _contradicts(yaw_rad, sigma_rad):
             self._n_contradicted = 0
-            if sigma_rad < CONVERGED_SIGMA_RAD and self.agnostic is not None:
-                self.agnostic = None
-                self._yaw_bank.forget()
             return
         self._n_contradicted += 1
         if self._n_contradicted >= CONTRADICTED_FIXES:
             self._n_contradicted = 0
             candidate = eskf.clone(eskf.noise)
-            candidate.take_over(levelled)
             place(candidate, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
             self._is_memory_tried = False
             self._bank.challenge_heading(candidate)
@@ -339,30 +316,45 @@ class Alignment:
         """Align by the bank's word."""
         for eskf in self._bank.filters:
             place(eskf, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
+            if not self.is_aligned:
+                eskf.separate_delays()
         self._yaw_bank.turned(yaw_rad)
         self.is_aligned = True
 
-    def _align(self, fix: GpsFix, period_s: float) -> None:
-        """Take the course of a vehicle for its heading, or else the bank's word."""
-        yaw_rad, sigma_rad = self._yaw_bank.answer()
-        course = self._course(fix) if self._carrier.is_vehicle else None
-        if course is None:
+    def _align(self, fix: GpsFix) -> None:
+        """Begin with a heading: along a vehicle's course, or by the yaw bank."""
+        if not self._carrier.is_vehicle:
+            yaw_rad, sigma_rad = self._yaw_bank.answer()
             if sigma_rad < CONVERGED_SIGMA_RAD:
                 self._take_yaw(yaw_rad, sigma_rad)
             return
-        course_rad, course_sigma_rad = course
-        main = self._bank.main
-        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < self._patience_s:
-            self._waited_s += period_s
+        course = self._course(fix)
+        if course is None:
             return
-        wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
-        if _contradicts(wrong_rad, sigma_rad):
-            self._take_yaw(yaw_rad, sigma_rad)
-            return
-        self.agnostic = main.clone(main.noise)
-        for eskf in self._bank.filters:
-            head_for(eskf, course_rad, course_sigma_rad)
+        if self.is_memory_unproved:
+            for eskf in self._bank.filters:
+                head_for(eskf, *course)
+                eskf.separate_delays()
+        else:
+            self._begin_headings(*course)
         self.is_aligned = True
+
+    def _begin_headings(self, course_rad: float, sigma_rad: float) -> None:
+        """Let filters compete that differ by how the box is turned in the vehicle."""
+        main, rivals = self._bank.main, []
+        for i in range(round(2.0 * math.pi / TURNED_BY_RAD)):
+            turned_rad = wrap_pi(i * TURNED_BY_RAD)
+            eskf, nats = main.clone(main.noise), 0.0
+            if i:
+                nats = TURNED_NATS
+                mount(eskf, turned_rad, TURNED_SIGMA_RAD)
+            nats += self._yaw_bank.log_density(off_course(eskf, course_rad))
+            head_for(eskf, course_rad, sigma_rad)
+            eskf.separate_delays()
+            name = f"box turned by {math.degrees(turned_rad):.0f} deg"
+            rivals.append(Rival(eskf, Kind.HEADING, name, nats))
+        self._bank.begin_headings(rivals)
+        self._yaw_bank.forget()
 
     def _course(self, fix: GpsFix) -> tuple[float, float] | None:
         """Course as far as it tells the heading of a vehicle, with its sigma."""
@@ -373,8 +365,7 @@ class Alignment:
         turn_radps = abs(self._bank.main.rate_n[2])
         if speed_mps < COURSE_SPEED_MPS or turn_radps > COURSE_TURN_RADPS:
             return None
-        sigma_rad = math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / speed_mps)
-        return math.atan2(ve, vn), sigma_rad
+        return math.atan2(ve, vn), course_sigma_rad(speed_mps)
 
     # ------------------------------------------------------- what an earlier run knew
 

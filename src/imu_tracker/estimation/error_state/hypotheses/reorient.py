@@ -22,14 +22,16 @@ from imu_tracker.geometry.rotation import (
     from_euler,
     multiply,
     rotate,
-    to_euler,
     turn_about_down,
     wrap_pi,
 )
 from imu_tracker.samples import Quat
 
-MOUNTING_SPEED_MPS: Final = 3.0
-"""From here on the course is known to some degrees."""
+COURSE_SPEED_MPS: Final = 2.0
+COURSE_SIGMA_RAD: Final = math.radians(5.0)
+COURSE_SIGMA_MPS: Final = 0.2
+"""Between course and direction of travel of a vehicle that does not turn tightly, from
+this speed on; and across it, at low speed."""
 
 TURNED_BOX_RAD: Final = math.radians(35.0)
 """Between course and the box's own ahead: no hand's error."""
@@ -76,7 +78,7 @@ def place(eskf: Eskf, yaw_rad: float, sigma_rad: float, *, is_vehicle: bool) -> 
     eskf.forget_orientation(sigma_rad, is_vehicle=is_vehicle)
     vn, ve, _ = eskf.nominal.v_n
     speed_mps = math.hypot(vn, ve)
-    if not is_vehicle or speed_mps < MOUNTING_SPEED_MPS:
+    if not is_vehicle or speed_mps < COURSE_SPEED_MPS:
         return
     off_rad = off_course(eskf, math.atan2(ve, vn))
     is_reversing = abs(off_rad) > REVERSE_RAD and speed_mps < REVERSE_MPS
@@ -84,11 +86,33 @@ def place(eskf: Eskf, yaw_rad: float, sigma_rad: float, *, is_vehicle: bool) -> 
         mount_along_course(eskf)
 
 
+def course_sigma_rad(speed_mps: float) -> float:
+    """Standard deviation between the course and a vehicle's heading."""
+    return math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / max(speed_mps, 0.1))
+
+
+def mount(eskf: Eskf, yaw_rad: float, sigma_rad: float) -> None:
+    """Take the box to sit turned by an angle about the vehicle's down."""
+    eskf.q_vb = multiply(from_euler(0.0, 0.0, yaw_rad), eskf.q_vb)
+    eskf.set_variances(MOUNT_YAW, sigma_rad**2)
+
+
 def mount_along_course(eskf: Eskf) -> None:
-    """Take the vehicle for level and headed where it goes: the rest is the box's."""
+    """Take the vehicle for level and headed where it goes: the rest is the box's.
+
+    Notes
+    -----
+    The mounting's yaw is the course less the box's: mu_yaw = course - theta_d, so that
+    var = sigma^2 + var(theta_d), cov(theta_d, mu) = -var(theta_d).
+    """
     vn, ve, _ = eskf.nominal.v_n
     q_vn = from_euler(0.0, 0.0, -math.atan2(ve, vn))
     eskf.q_vb = multiply(q_vn, eskf.nominal.q_nb)
+    P = eskf.P.copy()
+    row = -P[8, :].copy()
+    row[MOUNT_YAW] = course_sigma_rad(math.hypot(vn, ve)) ** 2 + P[8, 8]
+    P[MOUNT_YAW, :] = P[:, MOUNT_YAW] = row
+    eskf.P = P
 
 
 def forget_gyro_bias(eskf: Eskf) -> None:
@@ -101,11 +125,6 @@ def off_course(eskf: Eskf, course_rad: float) -> float:
     """Angle about down from the vehicle's heading to a course."""
     ahead_n = eskf.C_vn()[0]
     return wrap_pi(course_rad - math.atan2(ahead_n[1], ahead_n[0]))
-
-
-def yaw_between(q_nb: Quat, other_q_nb: Quat) -> float:
-    """Angle about down from the other attitude to this one."""
-    return to_euler(multiply(q_nb, conjugate(other_q_nb)))[2]
 
 
 def lean_right(eskf: Eskf, level_q: Quat) -> float:
