@@ -105,7 +105,7 @@ types: install ## Check types
 	$(BIN)/mypy
 
 unit: install ## Run the tests alone
-	$(BIN)/pytest --numprocesses=auto --durations=10 --durations-min=2
+	$(BIN)/pytest --numprocesses=auto --dist=worksteal --durations=10 --durations-min=2
 
 coverage: install ## The same, and which lines they never reach; twice the time
 	$(BIN)/pytest --numprocesses=auto --cov --cov-report=term --cov-fail-under=90

@@ -5,10 +5,14 @@ Each skips where it is not installed (Debian: gpsd gpsd-clients python3-gps chro
 
 import itertools
 import json
+import os
+import pty
 import re
+import select
 import shutil
 import socket
 import subprocess
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,12 +22,13 @@ from typing import Any
 
 import pytest
 
-from browser import CHROMIUM, browsing
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader, Positions
 from imu_tracker.sensors.gnss.network_port import GpsdPort
 from imu_tracker.sensors.gnss.port import TimedLines
-from nmea_text import gga, rmc
-from served import Daemon, Served, serving
+from support.browser import CHROMIUM, browsing
+from support.mbtiles import BLUE_PNG, mbtiles
+from support.nmea_text import gga, rmc
+from support.served import Daemon, Served, serving
 
 GPSD = shutil.which("gpsd") or shutil.which("gpsd", path="/usr/sbin")
 
@@ -113,11 +118,28 @@ def test_gpxlogger_writes_a_track(served: Served) -> None:
 
 
 @needs("cgps")
-@needs("script")
 def test_cgps_shows_dead_reckoning_and_fused(served: Served) -> None:
-    command = f"TERM=xterm timeout 4 cgps -s 127.0.0.1:{served.ports['gpsd']}"
-    shown = run("script", "-qec", command, "/dev/null")
-    assert "DR FIX" in shown
+    screen, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (40, 120))
+    cgps = subprocess.Popen(
+        ["cgps", "-s", f"127.0.0.1:{served.ports['gpsd']}"],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        env=os.environ | {"TERM": "xterm"},
+    )
+    os.close(terminal)
+    shown = b""
+    try:
+        end = time.monotonic() + 20
+        while b"DR FIX" not in shown and time.monotonic() < end:
+            if select.select([screen], [], [], 1)[0]:
+                shown += os.read(screen, 4096)
+    finally:
+        cgps.kill()
+        cgps.wait(10)
+        os.close(screen)
+    assert b"DR FIX" in shown
 
 
 @pytest.mark.skipif(
@@ -199,6 +221,23 @@ def test_a_real_gpsd_relays_radius_and_status(served: Served) -> None:
 
 
 @pytest.mark.skipif(GPSD is None, reason="gpsd is not here")
+@needs("gpspipe")
+def test_a_real_gpsd_reads_our_sentences(served: Served) -> None:
+    with gpsd(f"tcp://127.0.0.1:{served.ports['nmea']}") as number:
+        said = run("gpspipe", "-w", "-n", "60", f"127.0.0.1:{number}").splitlines()
+    reports = [json.loads(text) for text in said if '"class":"TPV"' in text]
+    placed = [report for report in reports if report.get("mode") == 3]
+    assert placed
+    for report in placed:
+        assert (report["altMSL"], report["speed"]) == (5.2, pytest.approx(13.8, 3e-3))
+        assert report["lon"] == pytest.approx(4.37000034, abs=2e-7)
+    # 5 is gpsd's word for a GGA of quality 6; it has none for an ordinary fix.
+    assert {report.get("status") for report in placed} == {5, None}
+    radii = {round(report["eph"], 1) for report in placed if "eph" in report}
+    assert {3.9, 54.3} <= radii
+
+
+@pytest.mark.skipif(GPSD is None, reason="gpsd is not here")
 def test_a_receiver_behind_a_real_gpsd_is_a_receiver() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as receiver,
@@ -234,6 +273,28 @@ def test_a_receiver_behind_a_real_gpsd_is_a_receiver() -> None:
             speaker.join()
             peer.close()
             port.close()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_tiles_lie_below_the_track_in_a_real_browser(
+    daemon: Daemon, tmp_path: Path
+) -> None:
+    everywhere = [
+        (zoom, x, y, BLUE_PNG)
+        for zoom in range(4)
+        for x in range(2**zoom)
+        for y in range(2**zoom)
+    ]
+    tiles = mbtiles(tmp_path / "a.mbtiles", *everywhere)
+    with (
+        serving(daemon, f"serve.tiles={tiles}") as served,
+        browsing(tmp_path / "home") as browser,
+    ):
+        browser.open(served.url, 800, 600)
+        text = "document.body.innerText"
+        wait_for(lambda: "(c) somebody" in browser.ask(text))
+        corner = "[...pen.getImageData(4, canvas.height - 4, 1, 1).data].join()"
+        wait_for(lambda: browser.ask(corner) == "0,0,255,255")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")

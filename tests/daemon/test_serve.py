@@ -3,11 +3,13 @@
 import http.client
 import json
 import os
+import re
 import select
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -16,7 +18,7 @@ from typing import Any
 import pytest
 
 from imu_tracker.storage.latlong import HEADER
-from served import Daemon, Served, line, serving
+from support.served import Daemon, Served, line, serving
 
 PATIENCE_S = 20.0
 
@@ -159,6 +161,28 @@ def test_rotation_deletion_and_a_flood_are_followed(
     assert get(served, "/")[0] == 200
 
 
+def peak_kb(process: subprocess.Popen[str]) -> int:
+    """Return the most memory that a process had so far."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    match = re.search(r"VmHWM:\s+(\d+) kB", status)
+    assert match
+    return int(match[1])
+
+
+def test_a_log_that_grows_by_a_hundred_megabytes_takes_no_memory(
+    daemon: Daemon, served: Served
+) -> None:
+    with client(served.ports["nmea"]) as plotter:
+        plotter.until("$GPRMC")
+        before_kb = peak_kb(served.process)
+        os.truncate(daemon.log, daemon.log.stat().st_size + 100_000_000)
+        daemon.append(b"\n")
+        daemon.write(*["gps"] * 20_000, "dr")
+        plotter.until("$GPRMC", ",E*")
+        assert peak_kb(served.process) - before_kb < 10_000
+    assert get(served, "/")[0] == 200
+
+
 @pytest.mark.parametrize(
     "path",
     [
@@ -234,6 +258,50 @@ def test_a_killed_server_is_no_affair_of_the_daemon_and_comes_back(
     daemon.write("dr")
     with serving(daemon) as served, viewer(served) as page:
         page.until("event: hello")
+
+
+def test_the_real_daemon_and_the_server_outlive_each_other(tmp_path: Path) -> None:
+    files = Daemon(tmp_path)
+    files.log.unlink()
+    command = [sys.executable, "-m", "imu_tracker", "run", "-q"]
+    settings = ("source.kind=simulation", "source.duration_s=36000", "source.speed=50")
+    own = (f"log.path={files.log}", f"status.path={files.status}", "state.path=")
+    for setting in (*settings, *own, "log.min_free_mb=0"):
+        command += ["--set", setting]
+
+    def running() -> "subprocess.Popen[bytes]":
+        return subprocess.Popen(command, stderr=subprocess.DEVNULL)
+
+    def killed(process: "subprocess.Popen[Any]") -> None:
+        process.kill()
+        process.wait()
+
+    def rows() -> int:
+        return files.log.read_text().count("\n") if files.log.exists() else 0
+
+    def writes(daemon: "subprocess.Popen[bytes]") -> bool:
+        before, end = rows(), time.monotonic() + PATIENCE_S * 3
+        while rows() <= before + 10 and time.monotonic() < end:
+            time.sleep(0.05)
+        return daemon.poll() is None and rows() > before + 10
+
+    daemon = running()
+    try:
+        assert writes(daemon)
+        with serving(files) as served:
+            with viewer(served) as page:
+                page.until("event: row")
+            killed(served.process)
+            assert writes(daemon)
+        with serving(files) as served, viewer(served) as page:
+            page.until("event: row")
+            killed(daemon)
+            page.until("data: ", "is not running")
+            daemon = running()
+            page.until("data: ", '"away":""')
+            page.until("event: row")
+    finally:
+        killed(daemon)
 
 
 def test_a_port_that_is_taken_and_a_missing_token_are_one_line(

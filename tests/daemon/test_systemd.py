@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-SYSTEMD = Path(__file__).parents[2] / "systemd"
+from support.paths import REPOSITORY
+
+SYSTEMD = REPOSITORY / "systemd"
 UNIT = "imu-tracker.service"
 SERVE_UNIT = "imu-tracker-serve.service"
 

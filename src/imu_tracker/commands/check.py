@@ -2,24 +2,29 @@
 
 import argparse
 import itertools
+import logging
 
 from imu_tracker.commands.common import (
     Subparsers,
     add_command,
     add_config,
-    config_of,
+    installed_config_of,
     write,
 )
 from imu_tracker.commands.status import read_status
-from imu_tracker.errors import NotRunningError
+from imu_tracker.errors import DeviceNotFoundError, NotRunningError
+
+log = logging.getLogger(__name__)
 
 _DESCRIPTION = """\
 Read the configuration, look for the chip, the receiver and the place of the log, and
 say how to mend what is missing. Ends with 0, or with the code of the first problem. The
-sensors of a daemon that runs are left alone."""
+sensors of a daemon that runs are left alone.
+
+Without --config it reads /etc/imu-tracker/imu-tracker.toml where that exists."""
 
 _EXAMPLES = """\
-  imu-tracker check --config /etc/imu-tracker/imu-tracker.toml
+  imu-tracker check
   imu-tracker check --set imu.bus=0
   imu-tracker check --set gps.port=/dev/ttyACM0"""
 
@@ -35,7 +40,7 @@ def add_check(subparsers: Subparsers) -> None:
 
 def run_check(args: argparse.Namespace) -> int:
     """Print a table of what was found."""
-    config = config_of(args)
+    config = installed_config_of(args)
 
     from imu_tracker.check.sensors import check_outputs, check_sensors
     from imu_tracker.sensors.clock import MonotonicClock
@@ -55,6 +60,8 @@ def run_check(args: argparse.Namespace) -> int:
     for finding in itertools.chain(sensors, check_outputs(config)):
         _print(finding.verdict, finding.what, finding.text)
         exit_code = exit_code or finding.exit_code
+    if exit_code == DeviceNotFoundError.exit_code:
+        log.info("sudo imu-tracker setup switches on what a Pi needs for this")
     return exit_code
 
 

@@ -25,7 +25,7 @@ from pydantic import (
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config.values import MountAxes
 from imu_tracker.errors import OutputError, StateError, shown
-from imu_tracker.estimation.error_state.warm_start import Learnt, Place
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
 from imu_tracker.samples import Mount
 
 FORMAT: Final = "imu-tracker state"
@@ -115,7 +115,7 @@ class PlacePart(_Part):
 
 
 class LearntPart(_Part):
-    """`estimation.memory.Learnt`, with what is plausible of each value."""
+    """`estimation.memory.LearnedParameters`, with what is plausible of each value."""
 
     profile: Literal["free", "vehicle", "walker"]
     noise_level: int = Field(ge=0, le=9)  # the estimator knows which levels there are
@@ -161,7 +161,7 @@ class State(_Part):
         return text.replace("+00:00", "Z")
 
     @classmethod
-    def of(cls, learnt: Learnt, sensor: "Sensor") -> Self:
+    def of(cls, learnt: LearnedParameters, sensor: "Sensor") -> Self:
         """Put together what is to be written.
 
         Raises
@@ -176,11 +176,11 @@ class State(_Part):
             {"saved_utc": utc_s, **sensor._asdict(), "learnt": values}
         )
 
-    def to_learnt(self) -> Learnt:
+    def to_learnt(self) -> LearnedParameters:
         """Return what an estimator begins with."""
         values = self.learnt.model_dump()
         place = values.pop("place")
-        return Learnt(
+        return LearnedParameters(
             **values, utc_s=self.saved_utc, place=Place(**place) if place else None
         )
 
@@ -211,7 +211,7 @@ def sensor_of(chip: str, mount: Mount, corrections: Corrections | None) -> Senso
     return Sensor(chip, mount, mark)
 
 
-def read_state(path: Path, sensor: Sensor) -> Learnt | None:
+def read_state(path: Path, sensor: Sensor) -> LearnedParameters | None:
     """Read and check a state file; None when there is none yet.
 
     Raises
@@ -243,7 +243,7 @@ def read_state(path: Path, sensor: Sensor) -> Learnt | None:
     return state.to_learnt()
 
 
-def write_state(path: Path, learnt: Learnt, sensor: Sensor) -> None:
+def write_state(path: Path, learnt: LearnedParameters, sensor: Sensor) -> None:
     """Replace the state file as a whole.
 
     Raises
@@ -278,9 +278,9 @@ class StateFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._sensor: Sensor | None = None
-        self._learnt: Learnt | None = None
+        self._learnt: LearnedParameters | None = None
 
-    def begin(self, sensor: Sensor) -> Learnt | None:
+    def begin(self, sensor: Sensor) -> LearnedParameters | None:
         """Return what a session begins with; None: nothing is known of its sensor.
 
         Raises
@@ -294,7 +294,7 @@ class StateFile:
         self._learnt = read_state(self._path, sensor)
         return self._learnt
 
-    def remember(self, learnt: Learnt | None, chip: str = "") -> None:
+    def set_learned(self, learnt: LearnedParameters | None, chip: str = "") -> None:
         """Hear what the session has learnt, and of which chip when that is news."""
         if learnt is not None and self._sensor is not None:
             self._learnt = learnt

@@ -1,19 +1,27 @@
-"""The status file as others read it: whether a daemon is there, and what it says."""
+"""The status file: replaced as a whole, and read as a sign of life."""
 
 import json
+import logging
+import math
 import operator
 import os
 import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from imu_tracker.errors import NotRunningError
+from imu_tracker.storage.append_file import make_directories
+from imu_tracker.storage.rotated_files import FILE_MODE
 
 STALE_S: Final = 5.0
 """The daemon writes each second; after this long it hangs, or is gone."""
 
 _MAX_CHARACTERS: Final = 1_000_000
 """A hundred times what the daemon writes."""
+
+log = logging.getLogger(__name__)
 
 
 def read_status(path: Path) -> tuple[str, dict[str, Any]]:
@@ -68,3 +76,67 @@ def _is_alive(pid: object) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     return True
+
+
+def as_json(status: Mapping[str, Any]) -> str:
+    """Return the object as a line."""
+    return f"{json.dumps(_plain(status), allow_nan=False)}\n"
+
+
+class StatusFile:
+    """A file that tells the status; one that cannot be written is no fault.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced as a whole each time, and removed at the end.
+    render : callable
+        What stands in it.
+    """
+
+    def __init__(
+        self, path: Path, render: Callable[[Mapping[str, Any]], str] = as_json
+    ) -> None:
+        self._path, self._render = path, render
+        self._new = path.with_name(f".{path.name}.new")
+        self._is_failing = False
+
+    def write(self, status: Mapping[str, Any]) -> None:
+        """Replace what stands there."""
+        text = self._render(status)
+        try:
+            make_directories(self._path.parent)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
+            with os.fdopen(
+                os.open(self._new, flags, FILE_MODE), "w", encoding="utf-8"
+            ) as file:
+                file.write(text)
+            self._new.replace(self._path)
+        except OSError as error:
+            if not self._is_failing:
+                reason = error.strerror or error
+                log.warning(
+                    "%s: no status is written: %s; see [status]", self._path, reason
+                )
+            self._is_failing = True
+        else:
+            self._is_failing = False
+
+    def remove(self) -> None:
+        """Leave nothing behind that looks like a daemon."""
+        for path in (self._path, self._new):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
+def _plain(value: Any) -> Any:
+    """Put null where JSON has no number."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {key: _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case _:
+            return value

@@ -97,7 +97,7 @@ class WheelSpeed:
     ) -> SpeedError | None:
         """Take the speed of a filter at its own instant, a few times a second.
 
-        `forget_evidence` goes before when it is another filter's speed.
+        `reset_evidence` goes before when it is another filter's speed.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class WheelSpeed:
         while speeds[0][0] < t_ns - int((WINDOW_S + 0.5) * 1e9):
             speeds.popleft()
         if has_gps:
-            self.forget_evidence()
+            self.reset_evidence()
         every_s = LEARN_EVERY_S if has_gps else EVERY_S
         if t_ns < self._due_ns <= t_ns + int(every_s * 1e9):
             return None
@@ -134,12 +134,12 @@ class WheelSpeed:
         if self._n_together < TOGETHER:
             return None
         answer = posterior(self._errors, self._log_l, speed_mps, sigma_mps)
-        self.forget_evidence()
+        self.reset_evidence()
         self.asked_windows += 1
         self.heard_windows += answer is not None
         return answer
 
-    def forget_evidence(self) -> None:
+    def reset_evidence(self) -> None:
         """Drop the windows that are not a measurement yet."""
         if self._n_together:
             self._log_l = np.zeros(len(self._errors))

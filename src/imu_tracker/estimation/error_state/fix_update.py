@@ -1,4 +1,4 @@
-"""A fix against the filters: believed, softened, refused, or begun anew from."""
+"""A fix against the filters: used, de-weighted, rejected, or a restart."""
 
 import math
 from collections.abc import Callable
@@ -6,49 +6,57 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.hypotheses.reorient import forget_gyro_bias
-from imu_tracker.estimation.error_state.platform import Carrier
-from imu_tracker.estimation.error_state.propagation import (
-    ANY_HEIGHT_VAR,
-    ANY_SPEED_VAR,
-    Propagation,
-)
+from imu_tracker.estimation.error_state.hypotheses.reorient import inflate_gyro_bias
+from imu_tracker.estimation.error_state.platform import Platform
+from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
     geometry_of,
     log_likelihood,
-    soft,
+    soft_gated,
 )
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
+    P_E,
+    P_N,
     POSITION,
     RECEIVER,
+    V_E,
+    V_N,
     VELOCITY,
     VELOCITY_DELAY,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    INFLATION_S,
+    MAX_RECEIVER_SIGMAS,
+)
 from imu_tracker.samples import GpsFix, Vec3
-
-BELIEVED_SIGMAS: Final = 2.5
-DOUBT_S: Final = 5.0
-"""A lasting error of the receiver beyond this is the filter's own."""
 
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
 
 
+HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
+HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
+"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
+motion, until it has caught up."""
+
+
 class FixUpdate:
-    """Corrects all filters by fixes, and learns how far those are to be believed.
+    """Corrects all filters by fixes, and learns their noise.
 
     Parameters
     ----------
@@ -56,10 +64,11 @@ class FixUpdate:
         From the chip to the antenna.
     bank : NoiseBank
     alignment : Alignment
-    carrier : Carrier
+    platform : Platform
     propagation : Propagation
     notify : callable
-        Takes in words what people want to read of.
+        Takes messages for the log.
+    fix_period : FixPeriod
 
     Attributes
     ----------
@@ -68,7 +77,7 @@ class FixUpdate:
         Of the filters with the receiver alone.
     alt_origin_m : float or None
         Height of the origin of positions, once a fix has told it.
-    doubt_m : float
+    ambiguity_m : float
         Radius that reaches to where refused fixes agree on; 0: none do.
     nis_mean, log_likelihood_mean : float
         Of the positions that were used.
@@ -79,21 +88,22 @@ class FixUpdate:
         lever_arm_m: Vec3,
         bank: NoiseBank,
         alignment: Alignment,
-        carrier: Carrier,
+        platform: Platform,
         propagation: Propagation,
         notify: Callable[[str], None],
+        fix_period: FixPeriod,
     ) -> None:
         self._notify = notify
         self._lever_arm_m = lever_arm_m
-        self._bank, self._alignment, self._carrier = bank, alignment, carrier
+        self._bank, self._alignment, self._platform = bank, alignment, platform
         self._propagation = propagation
-        self._gate = Gate(carrier.profile)
-        self.receiver = ReceiverModel()
+        self._gate = Gate(platform.profile)
+        self.receiver = ReceiverModel(fix_period)
         self.alt_origin_m: float | None = None
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0
         self._n_used = 0
-        self.comparison = Comparison(carrier)
+        self.comparison = Comparison(platform)
         self._restarted_ns: int | None = None
 
     @property
@@ -107,8 +117,8 @@ class FixUpdate:
         return self._log_likelihood_sum / max(self._n_used, 1)
 
     def change_profile(self) -> None:
-        """Gate by what the carrier may do now."""
-        self._gate = Gate(self._carrier.profile)
+        """Gate by what the platform may do now."""
+        self._gate = Gate(self._platform.profile)
         self.comparison.change_profile()
 
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
@@ -121,14 +131,14 @@ class FixUpdate:
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
-        receiver.observe(fix)
-        self._propagation.behaviour.own_accel_mps2 = receiver.accel_mps2
+        receiver.add_fix(fix)
+        self._propagation.constraints.own_accel_mps2 = receiver.accel_mps2
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._bank.filters:
-            each.take_receiver_var(receiver.lasting_var(fix))
-            self._doubt(each, receiver.lasting_var(fix))
+            each.set_receiver_var(receiver.lasting_var(fix))
+            self._inflate_unexplained(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
@@ -141,8 +151,8 @@ class FixUpdate:
             *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
         )
         if verdict is Verdict.IMU_LOST:
-            if not self._saves_imu(fix):
-                self._relearn(fix)
+            if not self._recover_heading(fix):
+                self._restart_imu(fix)
             return FixOutcome.ACCEPTED
         if verdict is Verdict.IMU_BACK:
             self._notify("the IMU agrees with the receiver again")
@@ -156,59 +166,61 @@ class FixUpdate:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self.doubt_m = math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
+                self.ambiguity_m = (
+                    math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
+                )
             return FixOutcome.OUTLIER
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
-        is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
+        is_tracking = is_aligned and self._propagation.outage_s < OUTAGE_AFTER_S
         is_tracking = is_tracking and not receiver.is_catching_up
         if is_tracking and self.comparison.odds.has_imu_lead:
-            # The fix as it is, not as it counts: votes would make any receiver shine.
-            S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
+            # Use the single-fix R: the correlation-inflated R
+            # would make every receiver look consistent.
+            S_alone = S - position.R * (1.0 - 1.0 / receiver.correlation_factor)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
-            receiver.learn_position(nis_alone)
+            receiver.learn_position_noise(nis_alone)
         likelihoods = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
         if is_aligned and not receiver.is_catching_up:
-            self._alignment.judge(likelihoods, receiver.period_s)
-        self._propagation.dark_s = 0.0
+            self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
+        self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
 
-    def _saves_imu(self, fix: GpsFix) -> bool:
+    def _recover_heading(self, fix: GpsFix) -> bool:
         """Whether it was only a heading that was wrong."""
-        if not self._alignment.take_other_heading():
+        if not self._alignment.adopt_other_heading():
             return False
         self._begin_at(fix)
-        self.comparison.odds.pardon()
+        self.comparison.odds.undo_loss()
         return True
 
-    def _relearn(self, fix: GpsFix) -> None:
+    def _restart_imu(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
-        self._alignment.lose("the IMU contradicts the receiver: GPS alone")
+        self._alignment.reset_orientation("the IMU contradicts the receiver: GPS alone")
         self._restarted_ns = None
         fresh = start_covariance(is_vehicle=False)
         for eskf in self._bank.filters:
-            forget_gyro_bias(eskf)
+            inflate_gyro_bias(eskf)
             eskf.set_delay_covariance(fresh[DELAYS, DELAYS])
-        self.receiver.forget_noise()
+        self.receiver.reset_noise()
         self._begin_at(fix)
 
-    def _doubt(self, eskf: Eskf, variance: float) -> None:
+    def _inflate_unexplained(self, eskf: Eskf, variance: float) -> None:
         """Open up where the receiver's error would have to be larger than it can be.
 
         A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `BELIEVED_SIGMAS` becomes its own uncertainty,
+        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
         within some seconds.
         """
         error_m = math.hypot(*eskf.receiver_ne_m)
-        beyond_m = error_m - BELIEVED_SIGMAS * math.sqrt(variance)
+        beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
         if beyond_m > 0.0:
             P = eskf.P.copy()
-            share = min(self.receiver.period_s / DOUBT_S, 1.0)
-            P[0, 0] += share * beyond_m**2
-            P[1, 1] += share * beyond_m**2
-            P[3, 3] += share * (beyond_m / DOUBT_S) ** 2
-            P[4, 4] += share * (beyond_m / DOUBT_S) ** 2
+            share = min(self.receiver.period_s / INFLATION_S, 1.0)
+            for p, v in ((P_N, V_N), (P_E, V_E)):
+                P[p, p] += share * beyond_m**2
+                P[v, v] += share * (beyond_m / INFLATION_S) ** 2
             eskf.P = P
 
     def _position(
@@ -218,8 +230,25 @@ class FixUpdate:
         frame = self._propagation.frame
         position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
         if not self._alignment.is_aligned:
+            position.H[:, DELAY] = 0.0  # the place itself is the receiver's
+        elif self.receiver.is_catching_up:
             position.H[:, DELAY] = 0.0
+            position = position._replace(R=position.R + HELD_PLACE_VAR)
         return position
+
+    def _velocity(
+        self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
+    ) -> Measurement | None:
+        """Measurement of the velocity, as far as the receiver follows the body."""
+        velocity = self.receiver.velocity(eskf, fix, geometry, ahead_s)
+        if velocity is None or self._propagation.rest is not None:
+            return None
+        if not self._alignment.is_aligned:
+            velocity.H[:, VELOCITY_DELAY] = 0.0  # the velocity is the receiver's
+        elif self.receiver.is_catching_up:
+            velocity.H[:, VELOCITY_DELAY] = 0.0
+            velocity = velocity._replace(R=velocity.R + HELD_VELOCITY_VAR)
+        return velocity
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
         """Fold position, height and velocity into one filter; return how likely."""
@@ -228,20 +257,18 @@ class FixUpdate:
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
         likelihood = log_likelihood(position.z, eskf.innovation_covariance(position))
-        eskf.apply(position)
-        eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
-        velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        if velocity is not None and not is_aligned:
-            velocity.H[:, VELOCITY_DELAY] = 0.0
-        if velocity is not None and propagation.rest is None:
+        eskf.update(position)
+        eskf.update(receiver.altitude(eskf, fix, self.alt_origin_m))
+        velocity = self._velocity(eskf, fix, geometry, ahead_s)
+        if velocity is not None:
             S = eskf.innovation_covariance(velocity)
-            is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
+            is_tracking = is_aligned and propagation.outage_s < OUTAGE_AFTER_S
             is_tracking = is_tracking and self.comparison.odds.has_imu_lead
             is_tracking = is_tracking and not receiver.is_catching_up
             if eskf is self._bank.main and is_tracking:
-                receiver.learn_velocity(velocity.z, S - velocity.R)
+                receiver.learn_velocity_noise(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
-            eskf.apply(soft(velocity, S))
+            eskf.update(soft_gated(velocity, S))
         return likelihood
 
     def _restart(self, fix: GpsFix) -> None:
@@ -254,16 +281,16 @@ class FixUpdate:
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
         is_doubtful = fix.vel_ne_mps is None or self.comparison.odds.nats < 0.0
         if is_again and is_doubtful:
-            self._alignment.lose()
+            self._alignment.reset_orientation()
             self._restarted_ns = None
-        self.comparison.odds.doubt()
+        self.comparison.odds.restart_trial()
         self._begin_at(fix)
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
         down = self._bank.main.nominal.p_n[2]
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
         speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:

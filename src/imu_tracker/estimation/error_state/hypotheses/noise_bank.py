@@ -143,7 +143,9 @@ class NoiseBank:
         for rival in self.rivals:
             rival.nats -= best.nats
 
-    def judge(self, likelihoods: list[float], period_s: float) -> bool | None:
+    def add_log_likelihoods(
+        self, likelihoods: list[float], period_s: float
+    ) -> bool | None:
         """Compare the log-likelihoods of one fix under all filters.
 
         Returns
@@ -192,7 +194,7 @@ class NoiseBank:
         name, self.main_name = self.main_name, winner.name
         winner.eskf, winner.name, winner.nats = old, name, -nats
 
-    def take_heading(self) -> bool:
+    def adopt_heading(self) -> bool:
         """Take another heading at once if it leads; return whether it did."""
         others = [rival for rival in self.rivals if rival.kind is not Kind.NOISE]
         best = max(others, key=lambda rival: rival.nats, default=None)
