@@ -25,7 +25,6 @@ from imu_tracker.estimation.error_state.states import (
     ATTITUDE,
     AXLE,
     DELAY,
-    DELAYS,
     GYRO_BIAS,
     GYRO_GAIN,
     GYRO_NOISE_PSD,
@@ -169,38 +168,6 @@ class Eskf(Strapdown):
         self.axle_m = -self.axle_m
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
-        self.P = T @ self.P @ T.T
-
-    def set_delay_covariance(self, block: Array) -> None:
-        """Make the two delays known so well, and independent of all other errors."""
-        P = self.P.copy()
-        P[DELAYS, :] = P[:, DELAYS] = 0.0
-        P[DELAYS, DELAYS] = block
-        self.P = P
-
-    def separate_delays(self) -> None:
-        """Take position and velocity for the receiver's, late by unknown delays.
-
-        Without a heading the filter follows the fixes: its position and velocity are
-        those that the receiver reports. With one they are the body's.
-
-        Notes
-        -----
-        p_r = p + v delay, v_r = v + a velocity_delay: the sums stay as well known as
-        they were, p and v become as uncertain as the delays.
-        """
-        t_ns, (pn, pe, pd), (vn, ve, vd), q_nb = self.nominal
-        an, ae, _ = self.mean_a_n
-        late_s, v_late_s = self.delay_s, self.velocity_delay_s
-        self.nominal = Nominal(
-            t_ns,
-            (pn - vn * late_s, pe - ve * late_s, pd),
-            (vn - an * v_late_s, ve - ae * v_late_s, vd),
-            q_nb,
-        )
-        T = np.eye(N_ERRORS)
-        T[P_N, DELAY], T[P_E, DELAY] = -vn, -ve
-        T[V_N, VELOCITY_DELAY], T[V_E, VELOCITY_DELAY] = -an, -ae
         self.P = T @ self.P @ T.T
 
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:

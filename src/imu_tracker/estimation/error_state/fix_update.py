@@ -12,7 +12,12 @@ from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.hypotheses.reorient import inflate_gyro_bias
+from imu_tracker.estimation.error_state.hypotheses.reorient import (
+    inflate_gyro_bias,
+    inflate_unexplained,
+    separate_delays,
+    set_delay_covariance,
+)
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
@@ -25,12 +30,8 @@ from imu_tracker.estimation.error_state.receiver_model import (
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
-    P_E,
-    P_N,
     POSITION,
     RECEIVER,
-    V_E,
-    V_N,
     VELOCITY,
     VELOCITY_DELAY,
     start_covariance,
@@ -40,8 +41,6 @@ from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.estimation.tuning import (
     ANY_HEIGHT_VAR,
-    INFLATION_S,
-    MAX_RECEIVER_SIGMAS,
 )
 from imu_tracker.samples import GpsFix, Vec3
 
@@ -138,7 +137,7 @@ class FixUpdate:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._bank.filters:
             each.set_receiver_var(receiver.lasting_var(fix))
-            self._inflate_unexplained(each, receiver.lasting_var(fix))
+            inflate_unexplained(each, receiver.lasting_var(fix), receiver.period_s)
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
@@ -202,26 +201,9 @@ class FixUpdate:
         fresh = start_covariance(is_vehicle=False)
         for eskf in self._bank.filters:
             inflate_gyro_bias(eskf)
-            eskf.set_delay_covariance(fresh[DELAYS, DELAYS])
+            set_delay_covariance(eskf, fresh[DELAYS, DELAYS])
         self.receiver.reset_noise()
         self._begin_at(fix)
-
-    def _inflate_unexplained(self, eskf: Eskf, variance: float) -> None:
-        """Open up where the receiver's error would have to be larger than it can be.
-
-        A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
-        within some seconds.
-        """
-        error_m = math.hypot(*eskf.receiver_ne_m)
-        beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
-        if beyond_m > 0.0:
-            P = eskf.P.copy()
-            share = min(self.receiver.period_s / INFLATION_S, 1.0)
-            for p, v in ((P_N, V_N), (P_E, V_E)):
-                P[p, p] += share * beyond_m**2
-                P[v, v] += share * (beyond_m / INFLATION_S) ** 2
-            eskf.P = P
 
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -301,4 +283,4 @@ class FixUpdate:
             eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
             eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
             if self._alignment.is_aligned:
-                eskf.separate_delays()
+                separate_delays(eskf)

@@ -27,6 +27,7 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import (
     mount,
     off_course,
     rotate_yaw,
+    separate_delays,
     set_bank_heading,
     set_course_heading,
 )
@@ -323,7 +324,7 @@ class Alignment:
                 eskf, yaw_rad, sigma_rad, is_vehicle=self._platform.is_vehicle
             )
             if not self.is_aligned:
-                eskf.separate_delays()
+                separate_delays(eskf)
         self._yaw_bank.rotate_yaw(yaw_rad)
         self.is_aligned = True
 
@@ -340,7 +341,7 @@ class Alignment:
         if self.is_prior_unproved:
             for eskf in self._bank.filters:
                 set_course_heading(eskf, *course)
-                eskf.separate_delays()
+                separate_delays(eskf)
         else:
             self._begin_headings(*course)
         self.is_aligned = True
@@ -356,7 +357,7 @@ class Alignment:
                 mount(eskf, turned_rad, TURNED_SIGMA_RAD)
             nats += self._yaw_bank.log_density(off_course(eskf, course_rad))
             set_course_heading(eskf, course_rad, sigma_rad)
-            eskf.separate_delays()
+            separate_delays(eskf)
             name = f"box turned by {math.degrees(turned_rad):.0f} deg"
             rivals.append(Rival(eskf, Kind.HEADING, name, nats))
         self._bank.begin_headings(rivals)

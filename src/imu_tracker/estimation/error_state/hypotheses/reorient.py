@@ -12,13 +12,22 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    DELAYS,
     GYRO_BIAS,
     MOUNT_YAW,
     N_ERRORS,
+    P_E,
+    P_N,
     TILT,
+    V_E,
+    V_N,
+    VELOCITY_DELAY,
     YAW_D,
+    Array,
     start_covariance,
 )
+from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
@@ -123,6 +132,56 @@ def inflate_gyro_bias(eskf: Eskf) -> None:
     """Keep the gyro's bias, but doubt it as at the first start."""
     fresh = start_covariance(is_vehicle=False)
     eskf.set_variances(GYRO_BIAS, fresh.diagonal()[GYRO_BIAS])
+
+
+def set_delay_covariance(eskf: Eskf, block: Array) -> None:
+    """Make the two delays known so well, and independent of all other errors."""
+    P = eskf.P.copy()
+    P[DELAYS, :] = P[:, DELAYS] = 0.0
+    P[DELAYS, DELAYS] = block
+    eskf.P = P
+
+
+def separate_delays(eskf: Eskf) -> None:
+    """Take position and velocity for the receiver's, late by unknown delays.
+
+    Without a heading the filter follows the fixes: its position and velocity are those
+    that the receiver reports. With one they are the body's.
+
+    Notes
+    -----
+    p_r = p + v delay, v_r = v + a velocity_delay: the sums stay as well known as they
+    were, p and v become as uncertain as the delays.
+    """
+    (pn, pe, pd), (vn, ve, vd) = eskf.nominal.p_n, eskf.nominal.v_n
+    an, ae, _ = eskf.mean_a_n
+    late_s, v_late_s = eskf.delay_s, eskf.velocity_delay_s
+    eskf.nominal = eskf.nominal._replace(
+        p_n=(pn - vn * late_s, pe - ve * late_s, pd),
+        v_n=(vn - an * v_late_s, ve - ae * v_late_s, vd),
+    )
+    T = np.eye(N_ERRORS)
+    T[P_N, DELAY], T[P_E, DELAY] = -vn, -ve
+    T[V_N, VELOCITY_DELAY], T[V_E, VELOCITY_DELAY] = -an, -ae
+    eskf.P = T @ eskf.P @ T.T
+
+
+def inflate_unexplained(eskf: Eskf, variance: float, period_s: float) -> None:
+    """Open up where the receiver's error would have to be larger than it can be.
+
+    A filter that is wrong and sure of itself explains the difference by the receiver.
+    The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty, within some
+    seconds.
+    """
+    error_m = math.hypot(*eskf.receiver_ne_m)
+    beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
+    if beyond_m > 0.0:
+        P = eskf.P.copy()
+        share = min(period_s / INFLATION_S, 1.0)
+        for p, v in ((P_N, V_N), (P_E, V_E)):
+            P[p, p] += share * beyond_m**2
+            P[v, v] += share * (beyond_m / INFLATION_S) ** 2
+        eskf.P = P
 
 
 def off_course(eskf: Eskf, course_rad: float) -> float:
