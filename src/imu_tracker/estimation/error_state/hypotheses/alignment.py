@@ -231,9 +231,14 @@ class Alignment:
 
     def add_log_likelihoods(self, likelihoods: list[float], period_s: float) -> None:
         """Let the likelihood of the fix decide between the filters."""
+        has_headings = self._bank.has_headings
         heading = self._bank.add_log_likelihoods(likelihoods, period_s)
-        if heading is not None:
+        if heading is None:
+            return
+        if not has_headings:
             self._settle(is_other=heading)
+        elif heading:
+            self._notify(f"the {self._bank.main_name}")
 
     def _settle(self, *, is_other: bool) -> None:
         """Draw the conclusions of a trial of headings."""
@@ -358,7 +363,8 @@ class Alignment:
             nats += self._yaw_bank.log_density(off_course(eskf, course_rad))
             set_course_heading(eskf, course_rad, sigma_rad)
             separate_delays(eskf)
-            name = f"box turned by {math.degrees(turned_rad):.0f} deg"
+            degrees = math.degrees(turned_rad)
+            name = f"box sits turned by {degrees:.0f} deg" if i else ""
             rivals.append(Rival(eskf, Kind.HEADING, name, nats))
         self._bank.begin_headings(rivals)
         self._yaw_bank.reset()

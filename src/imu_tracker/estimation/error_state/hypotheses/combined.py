@@ -165,7 +165,7 @@ class Combined:
         names = [bank.main_name, *(rival.name for rival in bank.rivals)]
         for name, share in zip(names, bank.weights, strict=True):
             if share > 0.0:
-                label = f"imu, {name}" if bank.has_headings else "imu"
+                label = f"imu, {name}" if bank.has_headings and name else "imu"
                 named[label] = named.get(label, 0.0) + imu_weight * share
         return named
 

@@ -87,6 +87,8 @@ class NoiseBank:
     Attributes
     ----------
     main : Eskf
+    main_name : str
+        What its heading assumes; empty: that the box points ahead.
     rivals : list of Rival
         One with another noise level or on trial, or several headings.
     """
@@ -166,14 +168,13 @@ class NoiseBank:
 
     def _judge_headings(self) -> bool | None:
         best = max(self.rivals, key=lambda rival: rival.nats)
-        is_won = best.nats > HEADING_WIN_NATS
-        if is_won:
+        if best.nats > HEADING_WIN_NATS:
             self._swap(best)
         self.rivals = [r for r in self.rivals if r.nats > HEADING_LOST_NATS]
-        if not self.rivals:
-            self.challenge_noise()
-            return False
-        return True if is_won else None
+        if self.rivals:
+            return None
+        self.challenge_noise()
+        return self.main_name != ""
 
     def _judge_trial(self, rival: Rival) -> bool | None:
         is_over = rival.trial_s >= TRIAL_S
