@@ -273,11 +273,11 @@ def test_nothing_is_felt_in_a_gap() -> None:
 
 def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
     bank = NoiseBank(1, is_vehicle=True)
-    challenger = bank.challenger
-    bank.add_log_likelihoods(-100.0, 0.0, 1.0)
+    challenger = bank.rivals[0].eskf
+    bank.add_log_likelihoods([-100.0, 0.0], 1.0)
     assert bank.main is not challenger
     for _ in range(math.ceil(EARLY_WIN_NATS / MOST_NATS) + 1):
-        bank.add_log_likelihoods(-100.0, 0.0, 1.0)
+        bank.add_log_likelihoods([-100.0, 0.0], 1.0)
     assert bank.level != 1
 
 
