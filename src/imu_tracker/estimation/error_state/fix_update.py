@@ -9,9 +9,13 @@ import numpy as np
 from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
-from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
+from imu_tracker.estimation.error_state.hypotheses.comparison import (
+    Comparison,
+    log_likelihood_of,
+)
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import FixNoise
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
     inflate_gyro_bias,
     inflate_unexplained,
@@ -19,7 +23,7 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import (
     set_delay_covariance,
 )
 from imu_tracker.estimation.error_state.platform import Platform
-from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
+from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
@@ -30,8 +34,6 @@ from imu_tracker.estimation.error_state.receiver_model import (
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
-    POSITION,
-    RECEIVER,
     VELOCITY,
     VELOCITY_DELAY,
     start_covariance,
@@ -39,9 +41,6 @@ from imu_tracker.estimation.error_state.states import (
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
-from imu_tracker.estimation.tuning import (
-    ANY_HEIGHT_VAR,
-)
 from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
@@ -123,8 +122,9 @@ class FixUpdate:
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
         receiver, eskf = self.receiver, self._bank.main
-        speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
-        if self._gate.is_frozen(fix, math.hypot(*speed_n)):
+        if self._gate.is_frozen(
+            fix, math.hypot(*(fix.vel_ne_mps or eskf.nominal.v_n[:2]))
+        ):
             # By its own word it moves, or else by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
@@ -146,8 +146,14 @@ class FixUpdate:
         has_say = is_aligned and not (
             self._propagation.is_imu_silent or receiver.is_catching_up
         )
+        noise = receiver.noise(fix, position)
+        likelihoods = self._log_likelihoods(fix, ahead_s, noise) if has_say else []
         verdict = self.comparison.weigh(
-            *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
+            fix,
+            eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9),
+            noise,
+            self._bank.mixed(likelihoods) if has_say else None,
+            receiver.period_s,
         )
         if verdict is Verdict.IMU_LOST:
             if not self._recover_heading(fix):
@@ -165,9 +171,8 @@ class FixUpdate:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self.ambiguity_m = (
-                    math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
-                )
+                reach_m = R95_PER_SIGMA * fix.sigma_h_m
+                self.ambiguity_m = math.hypot(*position.z) + reach_m
             return FixOutcome.OUTLIER
         self.ambiguity_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
@@ -180,8 +185,10 @@ class FixUpdate:
             S_alone = S - position.R * (1.0 - 1.0 / receiver.correlation_factor)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
             receiver.learn_position_noise(nis_alone)
-        likelihoods = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
-        if is_aligned and not receiver.is_catching_up:
+        corrected = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
+        if has_say:
+            if not self._bank.has_headings:
+                likelihoods = corrected
             self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
         self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
@@ -208,6 +215,18 @@ class FixUpdate:
             set_delay_covariance(eskf, fresh[DELAYS, DELAYS])
         self.receiver.reset_noise()
         self._begin_at(fix)
+
+    def _log_likelihoods(
+        self, fix: GpsFix, ahead_s: float, noise: FixNoise
+    ) -> list[float]:
+        """How well each heading predicted a fix, of a receiver that may be late."""
+        found, bank = [], self._bank
+        for eskf in bank.filters if bank.has_headings else (bank.main,):
+            geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=True)
+            position = self._position(eskf, fix, geometry, ahead_s)
+            velocity = self.receiver.velocity(eskf, fix, geometry, ahead_s)
+            found.append(log_likelihood_of(eskf, position, velocity, noise.late_var))
+        return found
 
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -278,13 +297,11 @@ class FixUpdate:
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.ambiguity_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
-        speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
             )
-            eskf.set_variances(POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
-            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
-            eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
+            if fix.vel_ne_mps is not None:
+                eskf.set_variances(VELOCITY, [1.0] * 3)
             if self._alignment.is_aligned:
                 separate_delays(eskf)

@@ -335,7 +335,7 @@ class Alignment:
 
     def _align(self, fix: GpsFix) -> None:
         """Begin with a heading: along a vehicle's course, or by the yaw bank."""
-        if not self._platform.is_vehicle:
+        if not self._platform.is_vehicle or fix.vel_ne_mps is None:
             yaw_rad, sigma_rad = self._yaw_bank.yaw()
             if sigma_rad < CONVERGED_SIGMA_RAD:
                 self._set_bank_yaw(yaw_rad, sigma_rad)

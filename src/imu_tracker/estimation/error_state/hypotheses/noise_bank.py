@@ -133,6 +133,14 @@ class NoiseBank:
         total = sum(odds)
         return [each / total for each in odds]
 
+    def mixed(self, likelihoods: list[float]) -> float:
+        """Log-likelihood of a fix under all headings, weighted by their odds."""
+        if not self.has_headings:
+            return likelihoods[0]
+        top = max(likelihoods)
+        shares = zip(self.weights, likelihoods, strict=True)
+        return top + math.log(sum(w * math.exp(each - top) for w, each in shares))
+
     def challenge_heading(self, candidate: Eskf) -> None:
         """Try a filter with another heading, at the same noise level."""
         self.rivals = [Rival(candidate, Kind.TRIAL, "another heading")]
