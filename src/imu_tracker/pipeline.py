@@ -16,6 +16,7 @@ from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
 from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.stuck_axes import StuckAxes
@@ -145,6 +146,8 @@ class Pipeline:
         """What a next session can begin with; None: nothing, or not yet."""
         return self._tracker.learned_parameters()
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for `replay --json` and `status`."""
-        return {**self._tracker.report(), "counters": dict(self.counters)}
+        report = self._tracker.report()
+        report["counters"] = dict(self.counters)
+        return report

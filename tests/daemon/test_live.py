@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.recording.files import read_recording
 from imu_tracker.samples import Frame, NavState, SessionHeader, Source

@@ -9,7 +9,7 @@ import pytest
 
 from imu_tracker.cli import main
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.errors import ConfigError
 from imu_tracker.recording.files import RecordingWriter

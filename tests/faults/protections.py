@@ -306,10 +306,24 @@ PROTECTIONS: Final = (
     Protection(
         trap="late fixes drag the track back",
         protection="they count at their own instant",
-        where=Tracker.on_fix,
-        line="self._utc.instant_of(fix)",
+        where=UtcClock.instant_of,
+        line="min(instant_ns, fix.t_ns)",
         without="fix.t_ns",
-        test="tests/unit/estimation/test_tracker.py",
+        test=(
+            "tests/unit/estimation/test_tracker.py::"
+            "test_the_latency_does_not_drag_the_track_back"
+        ),
+    ),
+    Protection(
+        trap="late fixes without a date drag the track back",
+        protection="they count before their arrival, by the latency",
+        where=UtcClock.instant_of,
+        line="fix.t_ns - self.latency_ns",
+        without="fix.t_ns",
+        test=(
+            "tests/unit/estimation/test_tracker.py::"
+            "test_a_fix_without_a_date_counts_before_its_arrival"
+        ),
     ),
     Protection(
         trap="a leap second dates fixes wrong",

@@ -25,7 +25,8 @@ from imu_tracker.errors import (
     OutputError,
     TrackerError,
 )
-from imu_tracker.recording.files import layout_of, read_recording
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.layout import layout_of
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors import pi_advice as mending
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock

@@ -6,18 +6,25 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
-import math
 import os
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.faults import faults_of
 from imu_tracker.daemon.state import KeptState
-from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
+from imu_tracker.daemon.status import (
+    VERSION,
+    Status,
+    disk_free_mb,
+    prediction_of,
+    row_of,
+    status_files,
+)
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import LiveRecordingWriter
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
@@ -249,24 +256,16 @@ class Loop:
         total.update(self._feed.counters)
         return total
 
-    def _ahead(self) -> dict[str, Any] | None:
-        """Where it will be: a column of the status for each column of a prediction."""
-        if self._row is None or self._pipeline is None:
-            return None
-        found = self._pipeline.predict(AHEAD_S)
-        return {
-            "after_s": [told.after_s for told in found],
-            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
-            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
-            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
-        }
-
-    def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
+    def _describe(self, now_ns: int, counters: Counter[str]) -> Status:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
         health = self._feed.health()
-        learnt = {} if self._pipeline is None else self._pipeline.report()
-        learnt.pop("counters", None)
+        learnt, ahead = EstimatorReport(), None
+        if self._pipeline is not None:
+            if self._row is not None:
+                ahead = prediction_of(self._pipeline.predict(AHEAD_S))
+            learnt = self._pipeline.report()
+            learnt.pop("counters")
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -287,7 +286,7 @@ class Loop:
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
-            "prediction": self._ahead(),
+            "prediction": ahead,
             **health,
             "log": {
                 "path": str(self._config.log.path),

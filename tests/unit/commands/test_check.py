@@ -1,5 +1,6 @@
 """`check`, `record` and `selftest` on a fake bus and a scripted receiver."""
 
+import json
 import logging
 import os
 import shutil
@@ -119,6 +120,19 @@ def check(
     code = main(["check", *HERE, "--set", "log.min_free_mb=0", *argv])
     lines = capsys.readouterr().out.splitlines()
     return code, {line[9:24].strip(): line[:9] + line[24:] for line in lines}
+
+
+def test_the_findings_as_json_are_those_of_the_table(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = ["check", "--set", "log.path=log.csv", "--set", "status.path=none.json"]
+    assert main(argv) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert main([*argv, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["exit_code"] == 0
+    rows = [(row["verdict"], row["what"]) for row in found["findings"]]
+    assert rows == [(line[:8].strip(), line[9:23].strip()) for line in table]
 
 
 def test_when_everything_is_there_every_line_is_ok(

@@ -2,10 +2,8 @@
 
 import gzip
 import json
-import logging
 import os
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -18,12 +16,8 @@ FORMATS = ("gpx", "kml", "geojson", "nmea", "html")
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[None]:
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    yield
-    logging.getLogger("imu_tracker").handlers = []
 
 
 def rows(*seconds: int) -> str:

@@ -2,9 +2,7 @@
 
 import gzip
 import json
-import logging
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,12 +47,8 @@ def truth(folder: Path) -> str:
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[None]:
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    yield
-    logging.getLogger("imu_tracker").handlers = []
 
 
 def test_a_simulation_is_the_same_for_the_same_seed(folder: Path) -> None:

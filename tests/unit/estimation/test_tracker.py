@@ -54,6 +54,7 @@ class World:
         self.imu_lives = self.gps_lives = True
         self.shake = 1.0  # of the road
         self.utc_off_s = 0.0  # of the receiver
+        self.is_dated = True
         self._rng = np.random.default_rng(11)
         self._due_ns = 0
         self._waiting: list[GpsFix] = []
@@ -73,7 +74,7 @@ class World:
         lat, lon = HOME.to_lat_lon(way + north_off_m, 0.0)
         vel = (speed, 0.0) if self.has_velocity else None
         arrival_ns = t_ns + self.latency_ns
-        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s
+        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s if self.is_dated else None
         return GpsFix(arrival_ns, utc_s, lat, lon, 7.0, vel, 2.0, 1)
 
     def hear(self, fix: GpsFix) -> FixOutcome:
@@ -346,6 +347,15 @@ def test_the_latency_does_not_drag_the_track_back() -> None:
     # 30 m/s and a second of latency: taken as now, each fix would pull 30 m.
     world = World(speed=30.0, latency_ns=SECOND_NS, latency_s=1.0)
     world.go(60.0)
+    assert max(map(world.miss_m, world.rows[200:])) < 1.5
+
+
+def test_a_fix_without_a_date_counts_before_its_arrival() -> None:
+    world = World(speed=30.0, latency_ns=SECOND_NS, latency_s=1.0)
+    world.go(30.0)
+    world.is_dated = False
+    world.go(30.0)
+    assert world.outcomes[-1] is FixOutcome.ACCEPTED
     assert max(map(world.miss_m, world.rows[200:])) < 1.5
 
 

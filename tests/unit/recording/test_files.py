@@ -11,10 +11,10 @@ from imu_tracker.errors import InputMissingError, OutputError, RecordingError
 from imu_tracker.recording.files import (
     LiveRecordingWriter,
     RecordingWriter,
-    layout_of,
     read_recording,
     tee,
 )
+from imu_tracker.recording.layout import layout_of
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.storage.append_file import Limits
 from support.nmea_text import sentence

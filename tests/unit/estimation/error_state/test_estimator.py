@@ -547,7 +547,7 @@ def test_what_was_learnt_is_a_better_start() -> None:
     report = drive(seed=4, until_s=60.0, prior=prior).pipeline.report()
     fresh = drive(seed=4, until_s=60.0).pipeline.report()
     warm_sigma, fresh_sigma = report["mounting_sigma_deg"], fresh["mounting_sigma_deg"]
-    assert warm_sigma[1] < fresh_sigma[1]  # type: ignore[index]
+    assert warm_sigma[1] < fresh_sigma[1]
 
 
 def test_the_profile_is_found() -> None:
