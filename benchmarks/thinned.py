@@ -48,6 +48,7 @@ def day(hour: list[LogRow]) -> Iterator[LogRow]:
         for _ in range(rest_h * HOUR_S * RATE_HZ):
             at_s += 1 / RATE_HZ
             yield end._replace(utc_s=at_s)
+        at_s += 1 / RATE_HZ
 
 
 def apart_m(rows: list[LogRow], sent: list[LogRow]) -> tuple[float, float, float]:
