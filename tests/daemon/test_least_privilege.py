@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from support.fake_clock import FakeClock
 

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.simulation.motion.positions import Place
 from imu_tracker.storage.latlong import LoggedTrack, read_log

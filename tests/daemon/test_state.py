@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from support.fake_clock import FakeClock
 
 

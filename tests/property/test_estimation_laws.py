@@ -13,9 +13,10 @@ from imu_tracker.calibration.counts import CountsModel, parse_mount
 from imu_tracker.errors import ConfigError
 from imu_tracker.estimation.estimate import r95_of
 from imu_tracker.estimation.receiver.utc import UtcClock
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.estimation.six_state.constraints import non_holonomic
 from imu_tracker.estimation.six_state.estimator import SixState
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame, radii_m
 from imu_tracker.geometry.rotation import (
     IDENTITY,

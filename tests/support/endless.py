@@ -161,7 +161,7 @@ class EndlessDrive:
 
     @property
     def readers(self) -> dict[str, Any]:
-        """The arguments of `daemon.run`."""
+        """The arguments of `daemon.run.run`."""
         return {
             "imu_reader": cast(ImuFactory, self._imu_reader),
             "gps_reader": cast(GpsFactory, self._gps_reader),

@@ -133,7 +133,7 @@ class ScriptedSensors:
 
     @property
     def readers(self) -> dict[str, Any]:
-        """The arguments of `daemon.run`."""
+        """The arguments of `daemon.run.run`."""
         return {
             "imu_reader": cast(ImuFactory, self.imu_reader),
             "gps_reader": cast(GpsFactory, self.gps_reader),

@@ -197,7 +197,7 @@ def test_the_daemon_gets_the_configuration_and_decides_the_ending(
         seen.append(config)
         return 3
 
-    monkeypatch.setattr("imu_tracker.daemon.run", run)
+    monkeypatch.setattr("imu_tracker.daemon.run.run", run)
     assert cli.main(["run", "--set", "imu.bus=7"]) == 3
     assert seen[0].imu.bus == 7
 

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, Mode, NavState, SessionHeader, Source
 from imu_tracker.simulation import simulate

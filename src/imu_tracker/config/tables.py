@@ -24,6 +24,7 @@ from imu_tracker.config.publishing import PublishConfig, refuse_doubles
 from imu_tracker.config.serving import GuideConfig, ServeConfig
 from imu_tracker.config.table import Table, key
 from imu_tracker.config.values import (
+    BAUDS,
     Bandwidth,
     Baud,
     Exact,
@@ -40,7 +41,7 @@ from imu_tracker.config.values import (
 from imu_tracker.samples import DEFAULT_MOUNT, SessionHeader
 
 if TYPE_CHECKING:
-    from imu_tracker.estimation.tracker import TrackerSettings
+    from imu_tracker.estimation.settings import TrackerSettings
 
 CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
 
@@ -140,9 +141,7 @@ class GpsConfig(Table):
         'a device, "socket://HOST:PORT", "gpsd://HOST:PORT/DEVICE" or "udp://:PORT"',
         pattern=r"^\S+$",
     )
-    baud: Annotated[Baud, Exact] = key(
-        "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
-    )
+    baud: Annotated[Baud, Exact] = key("auto", BAUDS)
     latency_s: Latency = key("auto", 'from 0 to 2 s, or "auto"')
     lever_arm_m: LeverArm = key(
         (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"
@@ -228,7 +227,7 @@ class Config(Table):
         A header's mount and profile hold unless others are written here; its absence
         is a live session.
         """
-        from imu_tracker.estimation.tracker import TrackerSettings
+        from imu_tracker.estimation.settings import TrackerSettings
 
         mount, profile = self.imu.mount, str(self.filter.profile)
         if header is not None and "mount" not in self.imu.model_fields_set:

@@ -6,18 +6,27 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
-import math
 import os
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.faults import faults_of
 from imu_tracker.daemon.state import KeptState
-from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
+from imu_tracker.daemon.status import (
+    VERSION,
+    Status,
+    disk_free_mb,
+    log_of,
+    prediction_of,
+    row_of,
+    status_files,
+)
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
+from imu_tracker.estimation.report import EstimatorReport
+from imu_tracker.notices import HoldOff
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import LiveRecordingWriter
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
@@ -37,8 +46,7 @@ LATE_NS: Final = 500 * MILLISECOND_NS
 AHEAD_S: Final = (1, 5, 10, 30, 60)
 """So far ahead the status says where it will be."""
 
-_BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
-"""Events whose word ends so are warnings."""
+_BAD_ENDS: Final = (" lost", " reset", " failed", " overrun")  # of events: warnings
 
 _USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
 
@@ -74,6 +82,7 @@ class Loop:
     ) -> None:
         self._corrections, self._calibration = corrections, config.imu.calibration
         self._config, self._feed = config, feed
+        self._source = config.source.kind
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
         self._statuses = status_files(config.status)
@@ -82,10 +91,10 @@ class Loop:
         self._row: NavState | None = None
         self._late_rows = 0
         self._past: Counter[str] = Counter()  # of the sessions that are over
-        self._hang = ""
+        self._stalled, self._hold_off = "", HoldOff()
         self._start_ns = self._second_ns = clock.now_ns()
         self._health_ns = self._start_ns + HEALTH_NS
-        self._told: Counter[str] = Counter()  # by the last line about the health
+        self._logged: Counter[str] = Counter()  # by the last line about the health
         self._used_fixes, self._fix_ns = 0, self._start_ns
 
     def run(self) -> None:
@@ -101,7 +110,7 @@ class Loop:
             self._feed.close()
             for file in self._statuses:
                 file.remove()
-        while self._take():
+        while self._read_feed():
             pass
         if self._pipeline is not None:
             self._state.save(self._pipeline, self._chip)
@@ -115,7 +124,7 @@ class Loop:
             self._latlong.reopen()
             if self._recorder is not None:
                 self._recorder.reopen()
-        self._take()
+        self._read_feed()
         now_ns = self._clock.now_ns()
         self._latlong.tick(now_ns)
         if self._recorder is not None:
@@ -127,13 +136,13 @@ class Loop:
                 self._state.tick(now_ns, self._pipeline, self._chip)
         if now_ns >= self._health_ns:
             self._health_ns = now_ns + HEALTH_NS
-            self._tell_health()
+            self._log_health()
 
     # ------------------------------------------------------------- frames to rows
 
-    def _take(self) -> bool:
+    def _read_feed(self) -> bool:
         """Take what arrived; return whether anything did."""
-        items, complete_ns = self._feed.take()
+        items, complete_ns = self._feed.read()
         for item in items:
             if isinstance(item, SessionHeader):
                 self._begin(item)
@@ -149,7 +158,7 @@ class Loop:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._past += self._pipeline.counters
-            self._state.remember(self._pipeline, self._chip)
+            self._state.set_learned(self._pipeline, self._chip)
         if self._recorder is not None:
             self._recorder.write_header(header)
         settings = self._config.tracker_settings(header)
@@ -176,7 +185,7 @@ class Loop:
         if self._recorder is not None:
             self._recorder.write(frame)
         if frame.source is Source.EVENT:
-            self._tell_event(frame.data.decode("ascii", "replace"))
+            self._log_event(frame.data.decode("ascii", "replace"))
         if rows := self._pipeline.feed(frame):
             self._write(rows)
 
@@ -188,22 +197,26 @@ class Loop:
             late_ns = self._clock.now_ns() - LATE_NS
             self._late_rows += sum(row.t_ns < late_ns for row in rows)
 
-    def _tell_event(self, text: str) -> None:
+    def _log_event(self, text: str) -> None:
         word, _, rest = text.partition(" ")
-        is_bad = word.endswith(_BAD_ENDS)
-        level = logging.WARNING if is_bad else logging.INFO
-        log.log(level, "%s: %s", word.replace("_", " "), rest)
+        self._log([f"{word.replace('_', ' ')}: {rest}"])
+
+    def _log(self, events: list[str]) -> None:
+        for text in self._hold_off.pass_on(self._clock.now_ns(), events):
+            is_bad = text.partition(":")[0].endswith(_BAD_ENDS)
+            log.log(logging.WARNING if is_bad else logging.INFO, "%s", text)
 
     # ------------------------------------------------------------ each second, minute
 
     def _each_second(self, now_ns: int) -> None:
         """Report to systemd and the status file."""
-        hang = self._feed.hang()
-        if not hang:
+        self._log([])
+        stalled = self._feed.stalled_source()
+        if not stalled:
             self._notify("WATCHDOG=1")
-        elif hang != self._hang:
-            log.error("%s: the watchdog is not fed", hang)
-        self._hang = hang
+        elif stalled != self._stalled:
+            log.error("%s: the watchdog is not fed", stalled)
+        self._stalled = stalled
         counters = self._counters()
         used_fixes = sum(counters[name] for name in _USED)
         if used_fixes != self._used_fixes:
@@ -213,28 +226,25 @@ class Loop:
         for file in self._statuses:
             file.write(status)
 
-    def _tell_health(self) -> None:
+    def _log_health(self) -> None:
         counters = self._counters()
         news = Counter(counters)
-        news.subtract(self._told)
-        self._told = counters
+        news.subtract(self._logged)
+        self._logged = counters
         counted = ", ".join(f"{name} {n}" for name, n in sorted(news.items()) if n)
         log.info("%s; in the last minute: %s", self._summary(), counted or "nothing")
 
     @property
-    def _source(self) -> str:
-        return self._config.source.kind
-
-    @property
     def _doing(self) -> str:
         if self._row is not None:
-            return "tracking"
+            return "not logging" if self._latlong.trouble else "tracking"
         return "starting" if self._pipeline is None else "waiting for the first fix"
 
     def _summary(self) -> str:
         if self._row is None:
             return self._doing
-        return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        summary = f"{self._doing}: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        return "; ".join(filter(None, [summary, self._latlong.trouble]))
 
     def _counters(self) -> Counter[str]:
         total = Counter(self._past)
@@ -249,24 +259,18 @@ class Loop:
         total.update(self._feed.counters)
         return total
 
-    def _ahead(self) -> dict[str, Any] | None:
-        """Where it will be: a column of the status for each column of a prediction."""
-        if self._row is None or self._pipeline is None:
-            return None
-        found = self._pipeline.predict(AHEAD_S)
-        return {
-            "after_s": [told.after_s for told in found],
-            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
-            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
-            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
-        }
-
-    def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
+    def _describe(self, now_ns: int, counters: Counter[str]) -> Status:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
-        health = self._feed.health()
-        learnt = {} if self._pipeline is None else self._pipeline.report()
-        learnt.pop("counters", None)
+        health, fix_age_s = self._feed.health(), (now_ns - self._fix_ns) // SECOND_NS
+        learnt, ahead = EstimatorReport(), None
+        unread: dict[str, int] = {}
+        if self._pipeline is not None:
+            if self._row is not None:
+                ahead = prediction_of(self._pipeline.predict(AHEAD_S))
+            learnt = self._pipeline.report()
+            learnt.pop("counters")
+            unread = self._pipeline.unread
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -281,18 +285,14 @@ class Loop:
                 if self._row is not None and self._feed.is_live
                 else None
             ),
-            "fix_age_s": (
-                (now_ns - self._fix_ns) // SECOND_NS if self._used_fixes else None
-            ),
+            "fix_age_s": fix_age_s if self._used_fixes else None,
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
-            "prediction": self._ahead(),
+            "prediction": ahead,
             **health,
-            "log": {
-                "path": str(self._config.log.path),
-                "is_failing": self._latlong.is_failing,
-            },
+            "unread_sentences": unread,
+            "log": log_of(self._config.log.path, self._latlong),
             "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),
             "learnt": learnt,

@@ -10,27 +10,22 @@ Rows lie on the grid of UTC and never use what arrived after them.
 import math
 from collections import Counter
 from collections.abc import Iterable
-from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
-from imu_tracker.estimation.error_state.estimator import ErrorState
-from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.life_cycle import Phase
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.receiver.utc import UtcClock
-from imu_tracker.estimation.rewind import (
-    COAST_NS,
-    USED_OUTCOMES,
-    Navigator,
-    Rewinding,
-)
+from imu_tracker.estimation.report import EstimatorReport
+from imu_tracker.estimation.rewind import COAST_NS, USED_OUTCOMES
 from imu_tracker.estimation.rows import ModeMonitor, RowGrid
+from imu_tracker.estimation.settings import TrackerSettings, later, navigator_of
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
-from imu_tracker.samples import GpsFix, ImuSample, Mount, NavState, UtcTime, Vec3
+from imu_tracker.samples import GpsFix, ImuSample, NavState, UtcTime
 
 COAST_AFTER_NS: Final = 400_000_000
 """A step through silence is made so long after its beginning: until then rows wait for
@@ -40,9 +35,6 @@ REST_VETO_NS: Final = 10_000_000_000
 REST_VETO_FIXES: Final = 5
 """Fixes that agree on another place speak against rest for the longer of these: until
 the filter has learnt the speed from them, when the receiver does not tell it."""
-
-TYPICAL_LATENCY_S: Final = 0.2
-"""From the instant that an epoch describes to its first byte, for most receivers."""
 
 START_FACTOR: Final = 10.0
 """At its start the filter knows its place ten times worse than the first fix says:
@@ -58,101 +50,27 @@ UNUSABLE_OUTCOMES: Final = (
 _NO_ROWS: Final[list[NavState]] = []
 
 
-class TrackerSettings(NamedTuple):
-    """What the configuration says to the estimation."""
-
-    estimator: str = "error-state"
-    profile: str = "auto"
-    latency_s: float | None = None  # None: measured, by an estimator that can
-    lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
-    rate_hz: int = 4
-    mount: Mount | None = None  # None: the header's
-    gps_date: str = ""
-    start: tuple[float, float] | None = None  # latitude, longitude in radians
-    start_radius_m: float = 50.0
-    prior: LearnedParameters | None = None  # what an earlier run learnt
-    uses_wheels: bool = True
-
-
-def navigator_of(
-    settings: TrackerSettings,
-    latency_s: float,
-    fix_period: FixPeriod,
-    history: History | None = None,
-) -> Navigator:
-    """Make the estimator that the configuration chooses."""
-    if settings.estimator == "error-state":
-        prior = settings.prior
-        if prior is not None:
-            prior = _later(prior, -latency_s)
-        return ErrorState(
-            *(settings.profile, settings.lever_arm_m, prior),
-            uses_wheels=settings.uses_wheels,
-            fix_period=fix_period,
-            history=history,
-        )
-    # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
-    from imu_tracker.estimation.six_state.estimator import SixState
-
-    profile = "free" if settings.profile == "auto" else settings.profile
-    return Rewinding(SixState(profile, settings.lever_arm_m, fix_period), profile)
-
-
-def _later(learnt: LearnedParameters, by_s: float) -> LearnedParameters:
-    """Count the latencies from another instant."""
-    return learnt._replace(
-        latency_s=learnt.latency_s + by_s,
-        velocity_latency_s=learnt.velocity_latency_s + by_s,
-    )
-
-
-class Phase(Enum):
-    """The life of a `Tracker`; `Tracker._enter` changes it, and nothing else does.
-
-    ::
-
-        WAITING --> GUESS --> STARTING --> RUNNING
-           |          |________________^      ^
-           |__________________^               |
-
-    A configured place leads from WAITING to GUESS. A fix leads from either to STARTING,
-    or from GUESS to RUNNING when rows were made already. The first row leads from
-    STARTING to RUNNING.
-    """
-
-    WAITING = "no position is known"
-    GUESS = "at the configured place, without a fix"
-    STARTING = "at a fix, before the first row: the next fix starts the filter again"
-    RUNNING = "rows are made, fixes correct the filter"
-
-
 class Tracker:
     """Turns events into rows.
 
     Parameters
     ----------
     settings : TrackerSettings
-    history : History, optional
-        Of the error-state filters, for a smoother.
     """
 
-    def __init__(
-        self, settings: TrackerSettings, history: History | None = None
-    ) -> None:
+    def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
         self._fixes: Counter[str] = Counter()
         self._notices: list[str] = []
+        self._notify = self._notices.append
         self._fix_period = FixPeriod()
         self._preintegrator = Preintegrator()
         self._turning = Turning()
-        latency_s = settings.latency_s
-        if latency_s is None:
-            latency_s = TYPICAL_LATENCY_S
-        self._navigator = navigator_of(settings, latency_s, self._fix_period, history)
+        self._navigator = navigator_of(settings, self._fix_period)
         self._standstill = StandstillDetector(in_hindsight=self._navigator.in_hindsight)
         if settings.prior is not None:
             self._standstill.vibration.load_prior(settings.prior.still_levels)
-        self._utc = UtcClock(round(latency_s * 1e9))
+        self._utc = UtcClock(round(settings.assumed_latency_s * 1e9))
         self._grid = RowGrid(settings.rate_hz, self._notify)
         self._modes = ModeMonitor(self._fix_period, self._notify)
         self._last_step: ImuStep | None = None
@@ -235,9 +153,8 @@ class Tracker:
     def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:
         jump_s = self._utc.add_epoch(arrival_ns, utc_s)
         if jump_s:
-            self._notify(
-                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
-            )
+            follows = self._utc.follows(jump_s)
+            self._notify(f"the receiver's time jumped by {jump_s:+.1f} s; {follows}")
 
     def _update(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; until the first row, each one starts it.
@@ -321,6 +238,7 @@ class Tracker:
             estimate.q_nb,
             estimate.r95_m + way_m,
             mode,
+            self._utc.is_sure,
         )
 
     def predict(self, after_s: Iterable[float]) -> list[Prediction]:
@@ -343,17 +261,20 @@ class Tracker:
     # ------------------------------------------------------------------- for people
 
     @property
+    def is_standing(self) -> bool:
+        """Whether the IMU shows that the body stands, whatever the receiver says."""
+        return self._standstill.is_standing
+
+    @property
     def counters(self) -> Counter[str]:
         """Fixes by what became of them, samples by what was wrong with them."""
         fixes = Counter({f"fixes_{k}": n for k, n in self._fixes.items()})
         return fixes + self._preintegrator.counters
 
-    def _notify(self, notice: str) -> None:
-        self._notices.append(notice)
-
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        notices, self._notices = self._notices, []
+        notices = self._notices.copy()
+        self._notices.clear()
         return notices + self._navigator.take_notices()
 
     def learned_parameters(self) -> LearnedParameters | None:
@@ -362,18 +283,16 @@ class Tracker:
         if learnt is None or self._phase is Phase.WAITING:
             return None
         row_utc_ns = self._grid.next_utc_ns
-        return _later(learnt, self._utc.latency_ns * 1e-9)._replace(
+        return later(learnt, self._utc.latency_ns * 1e-9)._replace(
             utc_s=None if row_utc_ns is None else row_utc_ns * 1e-9,
             still_levels=self._standstill.vibration.levels,
         )
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt."""
-        vibration = self._standstill.vibration
-        return {
-            **self._navigator.report(),
-            "still_gyro_threshold_dps": math.degrees(vibration.gyro_threshold_radps),
-            "still_accel_threshold_mps2": vibration.accel_threshold_mps2,
-            "utc_jumps": self._utc.jumps,
-            "utc_holes": self._utc.holes,
-        }
+        vibration, report = self._standstill.vibration, self._navigator.report()
+        gyro_radps = vibration.gyro_threshold_radps
+        report["still_gyro_threshold_dps"] = math.degrees(gyro_radps)
+        report["still_accel_threshold_mps2"] = vibration.accel_threshold_mps2
+        report["utc_jumps"], report["utc_holes"] = self._utc.jumps, self._utc.holes
+        return report

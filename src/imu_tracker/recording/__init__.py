@@ -9,6 +9,7 @@ __all__ = [
     "capture",
     "edit",
     "files",
+    "layout",
     "replay",
     "scoring",
     "sensor_report",

@@ -11,11 +11,13 @@ import numpy as np
 
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, Stopwatch
 from imu_tracker.recording.scoring import Track, score
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader
+from imu_tracker.sensors.gnss.sentences import TOLD_AFTER
+from imu_tracker.storage.latlong import goes_back
 from imu_tracker.storage.state_file import StateFile, sensor_of
 
 _MINUTE_NS: Final = 60_000_000_000
@@ -44,7 +46,7 @@ class Replay:
     ) -> None:
         self._config, self._corrections, self._state = config, corrections, state
         self._pipeline: Pipeline | None = None
-        self._last_utc_s = -math.inf
+        self._last_utc_s = self._begin_utc_s = -math.inf
         self._frame: Frame | None = None  # the last one
         self._now_ns: int | None = None  # of this session
         self._stopwatch = Stopwatch()
@@ -56,12 +58,17 @@ class Replay:
         self._columns = tuple(array("d") for _ in range(4))
 
     def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
-        """Yield the rows of the log; their times grow, also from session to session."""
+        """Yield the rows of the log; their times grow, also from session to session.
+
+        Only where many epochs agree that the session's dates were wrong they go back,
+        by more than a minute: a new log begins there.
+        """
         for item in stream:
             if isinstance(item, SessionHeader):
                 yield from self._kept(self.remaining())
                 self._elapsed_s = self._stopwatch.read(item)
                 self._begin(item)
+                self._begin_utc_s = self._last_utc_s
                 continue
             self._elapsed_s = self._stopwatch.read(item)
             if self._pipeline is None:
@@ -82,12 +89,16 @@ class Replay:
         return []
 
     def _kept(self, rows: list[NavState]) -> Iterator[NavState]:
-        """Pass rows on whose times grow."""
+        """Pass rows on whose times grow, or go back because they were wrong."""
         for state in rows:
-            if state.utc_s > self._last_utc_s:
-                self._last_utc_s = state.utc_s
-                self._keep(state)
-                yield state
+            last_utc_s = self._last_utc_s
+            is_new_log = self._begin_utc_s < last_utc_s and goes_back(state, last_utc_s)
+            if state.utc_s <= last_utc_s and not is_new_log:
+                self._counters["skipped_rows"] += 1
+                continue
+            self._last_utc_s = state.utc_s
+            self._keep(state)
+            yield state
 
     def _due_rows(self, pipeline: Pipeline, frame: Frame) -> Iterator[list[NavState]]:
         """Feed a frame; the rows of a long silence before it come minute by minute."""
@@ -98,13 +109,20 @@ class Replay:
             yield pipeline.advance(now_ns)
         if rows := pipeline.feed(frame):
             yield rows
-        self._remember()
+        self._set_learned()
 
     def summary(self) -> str:
         """Say in one line what came of it."""
         rows = len(self._columns[0])
         fixes = self._all_counters()["fixes"]
-        return f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
+        text = f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
+        if skipped := self._counters["skipped_rows"]:
+            text += f", {skipped} left out (their times are those of earlier rows)"
+        unread = Counter(self._unread())
+        for reason, n in unread.most_common(1):
+            if n >= TOLD_AFTER or not fixes:
+                text += f"; sentences that cannot be used: {reason}, {n} times"
+        return text
 
     def result(self) -> dict[str, Any]:
         """Return figures for machines: what was seen, and what was learnt last."""
@@ -115,19 +133,23 @@ class Replay:
             "sessions": self._sessions,
             "rows": len(self._columns[0]),
             "counters": dict(self._all_counters()),
+            "unread": self._unread(),
             "learnt": learnt,
         }
 
     def score(self, truth: Track, outages: Sequence[Outage]) -> dict[str, Any]:
-        """Score the rows; the outages count from the first frame."""
-        utc_s, lat_deg, lon_deg, r95_m = (np.array(column) for column in self._columns)
+        """Score the rows of the last log; the outages count from the first frame."""
+        columns = [np.array(column) for column in self._columns]
+        backward = np.flatnonzero(np.diff(columns[0]) <= 0)
+        begin = int(backward[-1]) + 1 if len(backward) else 0
+        utc_s, lat_deg, lon_deg, r95_m = (column[begin:] for column in columns)
         track = Track(utc_s, lat_deg, lon_deg)
         return score(track, r95_m, truth, outages, self._zero_utc_s)
 
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._counters += self._pipeline.counters
-            self._remember()
+            self._set_learned()
         header = self._config.amended(header)
         if self._sessions == 0:
             self._zero_utc_s = header.start_utc_s
@@ -144,9 +166,9 @@ class Replay:
         """Make the pipeline of a session."""
         return Pipeline(header, settings, corrections=self._corrections)
 
-    def _remember(self) -> None:
+    def _set_learned(self) -> None:
         if self._state is not None and self._pipeline is not None:
-            self._state.remember(self._pipeline.learned_parameters())
+            self._state.set_learned(self._pipeline.learned_parameters())
 
     def _keep(self, state: NavState) -> None:
         if self._zero_utc_s is None and self._frame is not None:
@@ -165,6 +187,10 @@ class Replay:
         if self._pipeline is not None:
             for notice in self._pipeline.take_notices():
                 log.info("at %.1f s: %s", self._elapsed_s, notice)
+
+    def _unread(self) -> dict[str, int]:
+        """Why sentences of the last session could not be used, and how often."""
+        return self._pipeline.unread if self._pipeline is not None else {}
 
     def _all_counters(self) -> Counter[str]:
         now = self._pipeline.counters if self._pipeline is not None else Counter()

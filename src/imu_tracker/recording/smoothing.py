@@ -5,7 +5,7 @@ from imu_tracker.config import Config
 from imu_tracker.errors import ConfigError
 from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.smoothing.smoother import Smoother
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.replay import Replay
 from imu_tracker.samples import NavState, SessionHeader
@@ -40,9 +40,7 @@ class Smoothing(Replay):
         """Make the pipeline of a session, and a smoother for its rows."""
         history = History()
         self._smoother = Smoother(history, settings.lever_arm_m)
-        return Pipeline(
-            header, settings, corrections=self._corrections, history=history
-        )
+        return super().pipeline(header, settings._replace(history=history))
 
     def finished(self, due: list[NavState]) -> list[NavState]:
         """Return the rows that are smoothed by now."""

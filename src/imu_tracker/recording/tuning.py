@@ -26,7 +26,7 @@ from imu_tracker.estimation.error_state.smoothing.entries import (
 )
 from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters
-from imu_tracker.estimation.tracker import TYPICAL_LATENCY_S, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.replay import Replay
@@ -108,9 +108,7 @@ class Trial(Replay):
         """
         if self.learnt is None or self.settings is None:
             return Estimate(0.0, np.inf)
-        assumed_s = self.settings.latency_s
-        if assumed_s is None:
-            assumed_s = TYPICAL_LATENCY_S
+        assumed_s = self.settings.assumed_latency_s
         delay_s = self.learnt.latency_s - assumed_s
         return Estimate(assumed_s - delay_s, self.learnt.latency_sigma_s)
 
@@ -119,7 +117,7 @@ class Trial(Replay):
         self._history, self._collected_ns = History(), None
         settings = settings._replace(**self._changes)  # type: ignore[arg-type]
         self.header, self.settings = header, settings
-        return Pipeline(header, settings, history=self._history)
+        return super().pipeline(header, settings._replace(history=self._history))
 
     def finished(self, due: list[NavState]) -> list[NavState]:
         """Collect now and then; rows are of no interest."""

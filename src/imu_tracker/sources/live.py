@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from imu_tracker.config import Config
 from imu_tracker.samples import Frame, SessionHeader, Source
@@ -10,7 +10,7 @@ from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
 from imu_tracker.sensors.gnss.reader import GpsReader
 from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources import factory as hardware
-from imu_tracker.sources.feed import BATCH, Delivery
+from imu_tracker.sources.feed import BATCH, Delivery, SensorHealth
 
 MAX_WAITING: Final = 20_000
 """Frames that wait while the loop is busy: three minutes at 100 Hz, and 5 MB."""
@@ -73,7 +73,7 @@ class HardwareFeed:
         else:
             self._refused_frames += 1
 
-    def take(self) -> Delivery:
+    def read(self) -> Delivery:
         """Return what the sensors have put."""
         for reader in (self._imu, self._gps):
             if reader.error is not None:
@@ -97,8 +97,8 @@ class HardwareFeed:
             items.append(Frame(now_ns, Source.EVENT, text))
         return Delivery(items, now_ns - ARRIVAL_NS)
 
-    def hang(self) -> str:
-        """Say which thread neither delivers nor retries, or ""."""
+    def stalled_source(self) -> str:
+        """Name the thread that neither delivers nor retries, or ""."""
         now_ns = self._clock.now_ns()
         for name, reader in (("IMU", self._imu), ("GPS", self._gps)):
             if now_ns - reader.turned_ns > HANGS_NS:
@@ -110,7 +110,7 @@ class HardwareFeed:
             return "the thread of the IMU neither delivers nor retries"
         return ""
 
-    def health(self) -> dict[str, dict[str, Any]]:
+    def health(self) -> SensorHealth:
         """Return how each sensor is, for the status."""
         imu, gps = self._imu, self._gps.health()
         rate_hz = round(imu.rate_hz, 3) if imu.is_ready else 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.prediction import TURN_S, Prediction, Turning, predict
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.motion.preintegration import ImuStep, gap_step
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.simulation import simulate

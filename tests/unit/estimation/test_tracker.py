@@ -8,7 +8,8 @@ import pytest
 
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.rewind import HISTORY_NS
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import (
     GpsFix,
@@ -53,6 +54,7 @@ class World:
         self.imu_lives = self.gps_lives = True
         self.shake = 1.0  # of the road
         self.utc_off_s = 0.0  # of the receiver
+        self.is_dated = True
         self._rng = np.random.default_rng(11)
         self._due_ns = 0
         self._waiting: list[GpsFix] = []
@@ -72,7 +74,7 @@ class World:
         lat, lon = HOME.to_lat_lon(way + north_off_m, 0.0)
         vel = (speed, 0.0) if self.has_velocity else None
         arrival_ns = t_ns + self.latency_ns
-        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s
+        utc_s = UTC_S + t_ns / SECOND_NS + self.utc_off_s if self.is_dated else None
         return GpsFix(arrival_ns, utc_s, lat, lon, 7.0, vel, 2.0, 1)
 
     def hear(self, fix: GpsFix) -> FixOutcome:
@@ -348,6 +350,15 @@ def test_the_latency_does_not_drag_the_track_back() -> None:
     assert max(map(world.miss_m, world.rows[200:])) < 1.5
 
 
+def test_a_fix_without_a_date_counts_before_its_arrival() -> None:
+    world = World(speed=30.0, latency_ns=SECOND_NS, latency_s=1.0)
+    world.go(30.0)
+    world.is_dated = False
+    world.go(30.0)
+    assert world.outcomes[-1] is FixOutcome.ACCEPTED
+    assert max(map(world.miss_m, world.rows[200:])) < 1.5
+
+
 def test_a_fix_older_than_the_history_is_too_late() -> None:
     world = World(speed=10.0)
     world.go(20.0)
@@ -375,7 +386,9 @@ def test_a_leap_second_costs_three_fixes_and_no_truth(
     assert world.outcomes[-33:].count(FixOutcome.UNDATED) == 2
     assert set(world.outcomes[-30:]) == {FixOutcome.ACCEPTED}
     (told,) = (n for n in world.tracker.take_notices() if "jumped" in n)
-    assert told == f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows"
+    assert told == (
+        f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows slowly"
+    )
     # By the new time rows are up to a second off until they have followed; r95 says so.
     rows = world.rows[n_rows:]
     assert max(map(world.miss_m, rows)) > 15.0

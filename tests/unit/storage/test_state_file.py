@@ -8,7 +8,8 @@ import pytest
 
 from imu_tracker.errors import OutputError, StateError
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
-from imu_tracker.storage.state_file import Sensor, StateFile, read_state, write_state
+from imu_tracker.storage.state_file import StateFile, read_state, write_state
+from imu_tracker.storage.state_model import Sensor
 
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")
 LEARNT = LearnedParameters(
@@ -133,6 +134,6 @@ def test_a_refused_file_is_replaced_by_what_is_learnt_anew(tmp_path: Path) -> No
     with pytest.raises(StateError):
         file.begin(SENSOR)
     assert not file.write()
-    file.remember(LEARNT)
+    file.set_learned(LEARNT)
     assert file.write()
     assert read_state(path, SENSOR) == LEARNT

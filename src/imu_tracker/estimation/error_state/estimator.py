@@ -25,14 +25,8 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.smoothing.entries import Scene
 from imu_tracker.estimation.error_state.smoothing.history import History
-from imu_tracker.estimation.error_state.states import (
-    DELAY,
-    GYRO_BIAS,
-    MOUNT_PITCH,
-    MOUNT_YAW,
-)
+from imu_tracker.estimation.error_state.states import GYRO_BIAS
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
     PARKED_YAW_SIGMA_RAD,
@@ -48,6 +42,8 @@ from imu_tracker.estimation.error_state.warm_start import (
 from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.report import EstimatorReport, figures_of
+from imu_tracker.estimation.tuning import LATEST_FIX_S
 from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -56,9 +52,6 @@ from imu_tracker.samples import GpsFix, ImuSample, Vec3
 FOLD_S: Final = 0.02
 """A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
 begins again at zero, where v times delay is exact."""
-
-LATEST_S: Final = 3.0
-"""A fix that lies further from the filter's instant is of no use."""
 
 
 class ErrorState:
@@ -76,7 +69,6 @@ class ErrorState:
     fix_period : FixPeriod, optional
         The tracker's, which sees every fix.
     history : History, optional
-        Keeps what happens to the filters, for a smoother.
     """
 
     in_hindsight = True
@@ -93,8 +85,9 @@ class ErrorState:
     ) -> None:
         self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._notices: list[str] = []
+        self._notify = self._notices.append
         self._temp_degc: float | None = None
-        self._prior = prior
+        self._prior, self._history = prior, history
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
         level = START_LEVEL if prior is None else known_level(prior.noise_level)
         self._platform = Platform(profile)
@@ -110,10 +103,8 @@ class ErrorState:
             *(lever_arm_m, self._bank, self._alignment, self._platform),
             *(self._propagation, self._fixes, self._buffer),
         )
-        self._history = history
         if history is not None:
-            history.begin(self._bank.filters)
-            self._fixes.comparison.kept_fixes = history.fixes
+            history.begin(self._bank.filters, self._fixes.comparison)
         if prior is not None:
             if self._platform.load_prior(prior.profile):
                 self._change_profile()
@@ -127,8 +118,6 @@ class ErrorState:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
         self._propagation.start(lat_rad, lon_rad, sigma_m)
         self._fixes.alt_origin_m = None
-
-    # -------------------------------------------------------------- steps and fixes
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate: its vibration, not its motion."""
@@ -151,22 +140,7 @@ class ErrorState:
         if self._since is not None:
             self._load_prior()
         if self._history is not None and self._propagation.is_predicted:
-            self._mark(self._history)
-
-    def _mark(self, history: History) -> None:
-        """Let the smoother return to this instant."""
-        if history.is_mark_due:
-            odds, propagation = self._fixes.comparison.odds, self._propagation
-            scene = Scene(
-                propagation.frame,
-                self._fixes.alt_origin_m,
-                self._buffer.shift_ns * 1e-9,
-                propagation.outage_s,
-                self._alignment.is_aligned,
-                has_imu=not (odds.is_imu_out or propagation.is_imu_silent),
-                odds_nats=odds.nats,
-            )
-            history.mark(self._alignment.filters, scene)
+            self._history.mark(self._bank.filters, self._output.scene())
 
     def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""
@@ -180,7 +154,7 @@ class ErrorState:
         if start_sigma_m > 0.0:
             self.start(fix.lat_rad, fix.lon_rad, start_sigma_m)
             ahead_s = min(max(ahead_s, -0.1), 0.1)
-        elif abs(ahead_s) > LATEST_S:
+        elif abs(ahead_s) > LATEST_FIX_S:
             return FixOutcome.TOO_LATE
         outcome = self._fixes.update(fix, ahead_s)
         if outcome is FixOutcome.REACQUIRED:
@@ -221,8 +195,6 @@ class ErrorState:
                 mount_along_course(eskf)
         self._notify(f"profile: {self._platform.profile}")
 
-    # -------------------------------------------------------------------- estimates
-
     @property
     def contradicts_receiver(self) -> bool:
         """Whether the IMU is being relearnt, and the receiver is followed alone."""
@@ -249,12 +221,10 @@ class ErrorState:
 
     # ------------------------------------------------------------------- for people
 
-    def _notify(self, notice: str) -> None:
-        self._notices.append(notice)
-
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        notices, self._notices = self._notices, []
+        notices = self._notices.copy()
+        self._notices.clear()
         return notices
 
     def learned_parameters(self) -> LearnedParameters | None:
@@ -303,41 +273,28 @@ class ErrorState:
         self._alignment.note_prior(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
-        eskf, fixes = self._eskf, self._fixes
-        receiver = fixes.receiver
-        roll, pitch, yaw = to_euler(eskf.q_vb)
-        bias, sigma = self.gyro_bias()
-        return {
+        fixes, shift_s = self._fixes, self._buffer.shift_ns * 1e-9
+        report: EstimatorReport = {
             "estimator": "error-state",
             "profile": self._platform.profile,
-            "mounting_deg": [math.degrees(a) for a in (roll, pitch, yaw)],
-            "mounting_sigma_deg": [
-                math.degrees(eskf.sigma(i)) for i in (MOUNT_PITCH, MOUNT_YAW)
-            ],
-            "gyro_bias_dps": [math.degrees(b) for b in bias],
-            "gyro_bias_sigma_dps": math.degrees(sigma),
-            "accel_bias_mps2": list(eskf.accel_bias_mps2),
-            "accel_bias_sigma_mps2": [eskf.sigma(i) for i in range(12, 15)],
-            "yaw_sigma_deg": math.degrees(eskf.sigma(8)),
-            "gyro_gain": list(eskf.gyro_gain),
-            "axle_m": eskf.axle_m,
-            "delay_s": eskf.delay_s + self._buffer.shift_ns * 1e-9,
-            "delay_sigma_s": eskf.sigma(DELAY),
-            "velocity_delay_s": eskf.velocity_delay_s + self._buffer.shift_ns * 1e-9,
-            "velocity_sigma_mps": math.sqrt(receiver.velocity_var),
-            "fix_noise_level": receiver.nis_level,
-            "fix_period_s": receiver.period_s,
-            "lag_s": self._buffer.lag_ns * 1e-9,
-            "nis_mean": fixes.nis_mean,
-            "fix_log_likelihood": fixes.log_likelihood_mean,
-            "noise_level": self._bank.level,
-            "wheels": None
-            if self._wheel_aiding is None
-            else self._wheel_aiding.report(),
-            "hypotheses": {
-                "imu": fixes.comparison.odds.imu_weight,
-                "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,
-            },
         }
+        report.update(figures_of(self._eskf, self.gyro_bias()[1]))
+        report["delay_s"] += shift_s
+        report["velocity_delay_s"] += shift_s
+        aiding = self._wheel_aiding
+        report.update(
+            {
+                "velocity_sigma_mps": math.sqrt(fixes.receiver.velocity_var),
+                "fix_noise_level": fixes.receiver.nis_level,
+                "fix_period_s": fixes.receiver.period_s,
+                "lag_s": self._buffer.lag_ns * 1e-9,
+                "nis_mean": fixes.nis_mean,
+                "fix_log_likelihood": fixes.log_likelihood_mean,
+                "noise_level": self._bank.level,
+                "wheels": None if aiding is None else aiding.report(),
+                "hypotheses": self._output.weights(),
+            }
+        )
+        return report

@@ -26,17 +26,26 @@ from imu_tracker.estimation.error_state.states import (
     ATTITUDE,
     AXLE,
     DELAY,
-    DELAYS,
     GYRO_BIAS,
     GYRO_GAIN,
     GYRO_NOISE_PSD,
+    MOTION,
     MOUNT_PITCH,
     MOUNT_YAW,
     MOUNTING,
     N_ERRORS,
-    RECEIVER_CORRELATION_S,
+    ORIENTATION,
+    P_D,
+    P_E,
+    P_N,
+    RECEIVER,
+    RECEIVER_E,
+    RECEIVER_N,
     SHAKEN_S,
     TILT,
+    V_D,
+    V_E,
+    V_N,
     VELOCITY_DELAY,
     Array,
     NoiseLevel,
@@ -45,6 +54,7 @@ from imu_tracker.estimation.error_state.states import (
     start_covariance,
     transition,
 )
+from imu_tracker.estimation.tuning import RECEIVER_CORRELATION_S, SHRINK_VAR_RATIO
 from imu_tracker.geometry.rotation import (
     IDENTITY,
     conjugate,
@@ -58,10 +68,6 @@ from imu_tracker.samples import Quat
 START_AXLE_M: Final = 1.2
 """A box on the dashboard sits 1.8 m ahead of the rear axle, one in the boot behind."""
 
-MUCH_LARGER: Final = 2.0
-"""Of variances: a receiver's noise is found to a quarter, and wavers by as much. Were
-the lasting error shrunk each time, and grown again in a minute, it would always be
-too small."""
 
 _DOUBTED_TILT_RAD: Final = math.radians(3.0)  # half a m/s^2 taken for gravity
 
@@ -152,8 +158,6 @@ class Eskf(Strapdown, Kept):
         variance = float(down_b @ self.P[GYRO_BIAS, GYRO_BIAS] @ down_b)
         return float(down_b @ np.array(self.gyro_bias_radps)), variance
 
-    # --------------------------------------------------------------------- errors
-
     def turn_mounting_half(self) -> None:
         """Exchange the vehicle's front and back; the attitude stays.
 
@@ -167,14 +171,6 @@ class Eskf(Strapdown, Kept):
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
         self.transform(T)
-
-    def copy_state_from(self, other: "Eskf") -> None:
-        """Become another filter, but for the noise level and what it cannot know."""
-        delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self.P.diagonal(), self.noise
-        self.__dict__.update(other.clone(noise).__dict__)
-        self.set_variances(DELAYS, kept[DELAYS])
-        self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
 
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""
@@ -201,7 +197,7 @@ class Eskf(Strapdown, Kept):
         moved = self.nominal.q_nb, dt, self._dv_n, self._turn_n
         F = transition(*moved)
         if not use_force:
-            F[0:6, 6:15] = 0.0
+            F[MOTION, ORIENTATION] = 0.0
         Q = process_noise(
             dt,
             gyro_psd,
@@ -212,7 +208,7 @@ class Eskf(Strapdown, Kept):
         self.P = predicted(self.P, F, Q)
         self.note_prediction(*moved, use_force=use_force)
         north, east = self.receiver_ne_m
-        decay = float(F[17, 17])
+        decay = float(F[RECEIVER_N, RECEIVER_N])
         self.receiver_ne_m = (north * decay, east * decay)
         self._end_interval()
 
@@ -233,18 +229,18 @@ class Eskf(Strapdown, Kept):
         t_ns, p_n, v_n, q_nb = self.nominal
         self.nominal = Nominal(
             t_ns,
-            (p_n[0] + e[0], p_n[1] + e[1], p_n[2] + e[2]),
-            (v_n[0] + e[3], v_n[1] + e[4], v_n[2] + e[5]),
-            normalise(multiply(from_rotation_vector((e[6], e[7], e[8])), q_nb)),
+            (p_n[0] + e[P_N], p_n[1] + e[P_E], p_n[2] + e[P_D]),
+            (v_n[0] + e[V_N], v_n[1] + e[V_E], v_n[2] + e[V_D]),
+            normalise(multiply(from_rotation_vector(tuple(e[ATTITUDE])), q_nb)),
         )
-        bx, by, bz = self.gyro_bias_radps
-        self.gyro_bias_radps = (bx + e[9], by + e[10], bz + e[11])
-        bx, by, bz = self.accel_bias_mps2
-        self.accel_bias_mps2 = (bx + e[12], by + e[13], bz + e[14])
+        bx, by, bz = map(add, self.gyro_bias_radps, e[GYRO_BIAS])
+        self.gyro_bias_radps = (bx, by, bz)
+        bx, by, bz = map(add, self.accel_bias_mps2, e[ACCEL_BIAS])
+        self.accel_bias_mps2 = (bx, by, bz)
         mounting = from_rotation_vector((0.0, e[MOUNT_PITCH], e[MOUNT_YAW]))
         self.q_vb = normalise(multiply(mounting, self.q_vb))
         north, east = self.receiver_ne_m
-        self.receiver_ne_m = (north + e[17], east + e[18])
+        self.receiver_ne_m = (north + e[RECEIVER_N], east + e[RECEIVER_E])
         self.delay_s += e[DELAY]
         self.velocity_delay_s += e[VELOCITY_DELAY]
         xx, yx, zx, xy, yy, zy, xz, yz, zz = map(add, self.gyro_gain, e[GYRO_GAIN])
@@ -276,23 +272,24 @@ class Eskf(Strapdown, Kept):
         self._granted_var, self._granted_ns = max(before, variance), self.nominal.t_ns
         self.receiver_var = variance
         P = self.P
-        mean = 0.5 * float(P[17, 17] + P[18, 18])
+        variances = P.diagonal()[RECEIVER]
+        mean = 0.5 * float(variances.sum())
         growth = min((variance / before - 1.0) * mean, variance - mean)
         if growth > 0.0:
             P = P.copy()
-            for p, b in ((0, 17), (1, 18)):
+            for p, b in ((P_N, RECEIVER_N), (P_E, RECEIVER_E)):
                 P[p, p] += growth
                 P[b, b] += growth
                 P[p, b] -= growth
                 P[b, p] -= growth
             self.P = P
             return
-        worst = max(P[17, 17], P[18, 18])
-        if worst > MUCH_LARGER * variance > 0.0:
+        worst = max(variances)
+        if worst > SHRINK_VAR_RATIO * variance > 0.0:
             shrink = math.sqrt(variance / worst)
             P = P.copy()
-            P[17:19, :] *= shrink
-            P[:, 17:19] *= shrink
+            P[RECEIVER, :] *= shrink
+            P[:, RECEIVER] *= shrink
             self.P = P
             north, east = self.receiver_ne_m
             self.receiver_ne_m = (north * shrink, east * shrink)

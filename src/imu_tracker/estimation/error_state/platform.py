@@ -5,14 +5,10 @@ from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.reorient import lean_right
+from imu_tracker.estimation.tuning import UNKNOWN_ACCEL_PSD
 from imu_tracker.motion.profile import ProfileClassifier
 from imu_tracker.motion.step_detector import StepDetector
 from imu_tracker.samples import Quat
-
-UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
-"""While the yaw or the IMU is unknown: a body's own acceleration, as (m/s^2)^2/Hz. A
-vehicle's is 1 m/s^2 rms, and corners and stops last some six seconds; a walker turns
-round within one."""
 
 LONGEST_S: Final = 2.0
 """Into a turn and out of it takes longer."""

@@ -18,6 +18,14 @@ from imu_tracker.estimation.error_state.states import (
     RECEIVER,
     VELOCITY,
 )
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    ANY_SPEED_MPS,
+    SILENT_SLOPE_RAD,
+    SILENT_TURN_CORRELATION_S,
+    UNKNOWN_ANGLE_VAR,
+    UNOBSERVED_TURN_RADPS,
+)
 from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -26,15 +34,7 @@ STRETCH_S: Final = 0.1
 """Errors grow, and constraints are applied, in stretches of three steps: in 0.12 s a
 car turns by 5 deg at most."""
 
-ANY_SPEED_VAR: Final = 20.0**2
-ANY_HEIGHT_VAR: Final = 100.0**2
-
-SILENT_TURN_RADPS: Final = 0.1
-SILENT_TURN_CORRELATION_S: Final = 5.0
-SILENT_SLOPE_RAD: Final = 0.1
-UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
-"""While the IMU is silent a body turns so fast, one corner after another; a vehicle
-gets no further from level than slopes do. Any angle at all has the last variance."""
+ANY_SPEED_VAR: Final = ANY_SPEED_MPS**2
 
 
 class Propagation:
@@ -83,10 +83,12 @@ class Propagation:
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
+        place_ne = self.frame.to_ne(lat_rad, lon_rad)
         self.frame = LocalFrame.at(lat_rad, lon_rad)
         for eskf in self._bank.filters:
             eskf.gravity_mps2 = gravity_mps2(lat_rad)
             eskf.predict(use_force=False)
+            eskf.note_loss(place_ne, sigma_m)
             t_ns, _, _, q_nb = eskf.nominal
             eskf.nominal = Nominal(t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), q_nb)
             eskf.set_variances(POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
@@ -108,8 +110,6 @@ class Propagation:
         use_force = alignment.can_use_force(rest)
         for eskf in self._bank.filters:
             eskf.propagate(step, use_force=use_force)
-        if alignment.course_free is not None:
-            alignment.course_free.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
         if step.is_gap:
@@ -139,10 +139,6 @@ class Propagation:
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
         self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
-        if alignment.course_free is not None:
-            rests = rest is not None
-            unknown = 0.0 if rests else self._platform.unknown_accel_psd
-            alignment.course_free.predict(use_force=rests, unknown_accel_psd=unknown)
 
     def _inflate_over_imu_gap(self, dt_s: float) -> None:
         """Let the body have moved while the IMU said nothing.
@@ -154,7 +150,7 @@ class Propagation:
         """
         platform = self._platform
         lasted_s = min(self._silent_s, SILENT_TURN_CORRELATION_S)
-        turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
+        turned_var = 2.0 * UNOBSERVED_TURN_RADPS**2 * lasted_s * dt_s
         needs_inflation = self._alignment.can_use_force(None)
         sped_var = platform.unknown_accel_psd * dt_s if needs_inflation else 0.0
         if self._silent_s > SILENT_TURN_CORRELATION_S:
@@ -172,7 +168,7 @@ class Propagation:
         more = np.zeros(N_ERRORS)
         more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
         most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             before = eskf.P.diagonal()[ATTITUDE]
             P = eskf.P + np.diag(more)
             # An angle has an end; its correlations shrink with it.
@@ -189,13 +185,10 @@ class Propagation:
         north, east, _ = self._bank.main.nominal.p_n
         lat, lon = self.frame.to_lat_lon(north, east)
         self.frame = LocalFrame.at(lat, lon)
-        course_free = self._alignment.course_free
         self._alignment.shift_origin(north, east)
         for eskf in self._bank.filters:
             _shift(eskf, -north, -east)
             eskf.gravity_mps2 = gravity_mps2(lat)
-        if course_free is not None:
-            _shift(course_free, -north, -east)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:

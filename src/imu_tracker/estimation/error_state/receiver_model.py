@@ -15,72 +15,44 @@ from imu_tracker.estimation.error_state.hypotheses.receiver_alone import FixNois
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     N_ERRORS,
+    P_D,
     POSITION,
     RECEIVER,
+    V_D,
     VELOCITY,
     VELOCITY_DELAY,
     Array,
 )
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
+from imu_tracker.estimation.tuning import (
+    ACCEL_OVER_S,
+    ALTITUDE_CORRELATION_S,
+    ALTITUDE_FACTOR,
+    BEST_LASTING_SIGMA_M,
+    CATCHING_UP_S,
+    HOLDING_S,
+    LASTING_VAR_SHARE,
+    MAX_NIS_LEVEL,
+    MIN_NIS_LEVEL,
+    NOISE_LEARNING_S,
+    PAUSE_S,
+    RESTING_CORRELATION_S,
+    SOFT_GATE_NIS,
+    VELOCITY_CEILING_MPS,
+    VELOCITY_CORRELATION_S,
+    VELOCITY_FLOOR_MPS,
+    VELOCITY_LATE_S,
+    VELOCITY_LEARNING_S,
+    VELOCITY_SMEAR_S,
+    VELOCITY_START_MPS,
+)
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.samples import GpsFix, Vec3
 
-LASTING_VAR_SHARE: Final = 0.9
-"""Of the receiver's variance: what lasts for a minute. A receiver filters its fixes;
-what is new with each second is a third of its sigma."""
-
-BEST_LASTING_SIGMA_M: Final = 0.5
-"""Per axis under the best sky without corrections: air and orbits. No scatter shows
-it, so that no quiet receiver is trusted beyond this unless it says so itself."""
-
-ALTITUDE_FACTOR: Final = 2.0
-"""Vertical against horizontal error of a receiver: its satellites are all above."""
-
-ALTITUDE_CORRELATION_S: Final = 10.0
-"""Its lasting error has no state: altitudes of so many seconds count as one."""
-
-RESTING_CORRELATION_S: Final = 30.0
-"""What is reflected to an antenna that stands changes with the satellites alone: at
-rest the fixes of so long count as one. A parked tracker draws no star."""
-
 RESOLUTION_M: Final = 0.01
 TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
-
-VELOCITY_FLOOR_MPS: Final = 0.1
-VELOCITY_START_MPS: Final = 0.2
-VELOCITY_CEILING_MPS: Final = 1.0
-"""Error of a Doppler velocity per axis: at best, before it is known, and when a
-receiver differentiates positions; never so large that it counts for nothing."""
-
-VELOCITY_CORRELATION_S: Final = 4.0
-"""Errors of a Doppler velocity are the satellites' and the filter's, and last so
-long: velocities of so many seconds are one."""
-
-LATE_S: Final = 1.0
-"""Receivers that smooth their velocities tell them late by a varying second: that is no
-fault of the filter's."""
-
-ACCEL_OVER_S: Final = 0.8
-LONGEST_S: Final = 10.0
-"""Over less than about a second a velocity's noise passes for acceleration; over a long
-silence everything averages to nothing."""
-
-VELOCITY_SMEAR_S: Final = 0.1
-"""A receiver's velocity is a mean over a tenth of a second or more, and its filter
-does not lag alike in each manoeuvre."""
-
-LEARNING_S: Final = 30.0
-NOISE_LEARNING_S: Final = 8.0
-"""How fast trust follows the innovations."""
-
-MIN_NIS_LEVEL: Final = 0.05
-MAX_NIS_LEVEL: Final = 36.0
-"""A receiver's claim of its noise may be wrong by four downwards (HDOP knows
-nothing of the receiver), by six upwards (nor of walls that reflect)."""
-
-_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 
 
 class FixGeometry(NamedTuple):
@@ -111,6 +83,9 @@ class ReceiverModel:
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
+        self._held: tuple[float, float] | None = None  # place that is repeated
+        self._fix_ns = self._held_since_ns = 0
+        self._last_held_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
 
@@ -130,9 +105,25 @@ class ReceiverModel:
         """Velocities that count as one."""
         return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
+    @property
+    def is_catching_up(self) -> bool:
+        """Whether it holds its place, or did some seconds ago, while the body moves."""
+        if self._last_held_ns is None or self.is_resting:
+            return False
+        return self._fix_ns - self._last_held_ns < CATCHING_UP_S * 1e9
+
+    def _add_place(self, fix: GpsFix) -> None:
+        place = (fix.lat_rad, fix.lon_rad)
+        if place != self._held:
+            self._held, self._held_since_ns = place, fix.t_ns
+        elif fix.t_ns - self._held_since_ns > HOLDING_S * 1e9:
+            self._last_held_ns = fix.t_ns
+        self._fix_ns = fix.t_ns
+
     def add_fix(self, fix: GpsFix) -> None:
-        """Learn how often fixes come, and how their velocity changes."""
+        """Learn how often fixes come, and how their place and velocity change."""
         self._period.add_fix(fix)
+        self._add_place(fix)
         if fix.vel_ne_mps is None:
             self.accel_mps2 = self._vel = None
             return
@@ -140,7 +131,7 @@ class ReceiverModel:
         if self._vel is None:
             self._vel = now
         dt_s = (now[0] - self._vel[0]) * 1e-9
-        if dt_s > LONGEST_S:
+        if dt_s > PAUSE_S:
             self._vel, self.accel_mps2, self._last_accel_mps2 = now, None, 0.0
         elif dt_s > ACCEL_OVER_S:
             change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
@@ -165,7 +156,7 @@ class ReceiverModel:
             The same fix for a hypothesis with an IMU.
         """
         lasting_var = max(self.nis_level, 1.0) * fix.sigma_h_m**2
-        late_var = (LATE_S * (self.accel_mps2 or 0.0)) ** 2
+        late_var = (VELOCITY_LATE_S * (self.accel_mps2 or 0.0)) ** 2
         velocity_var = self.velocity_var * self.velocity_correlation_factor
         return FixNoise(float(position.R[0, 0]), velocity_var, lasting_var, late_var)
 
@@ -236,9 +227,9 @@ class ReceiverModel:
         """
         H = np.zeros((1, N_ERRORS))
         if fix.alt_m is None or origin_m is None:
-            H[0, 5] = 1.0
+            H[0, V_D] = 1.0
             return Measurement(np.array([-eskf.nominal.v_n[2]]), H, np.eye(1))
-        H[0, 2] = 1.0
+        H[0, P_D] = 1.0
         z = np.array([origin_m - fix.alt_m - eskf.nominal.p_n[2]])
         variance = (ALTITUDE_FACTOR * fix.sigma_h_m) ** 2
         factor = max(1.0, ALTITUDE_CORRELATION_S / self.period_s)
@@ -257,8 +248,8 @@ class ReceiverModel:
     def learn_velocity_noise(self, z: Array, predicted: Array) -> None:
         """Follow the scatter of the velocities: E[z z'] = H P H' + R."""
         scatter = 0.5 * float(z @ z - predicted.trace())
-        forget = min(self.period_s / LEARNING_S, 0.2)
-        limited = min(max(scatter, 0.0), _SOFT_NIS * self.velocity_var)
+        forget = min(self.period_s / VELOCITY_LEARNING_S, 0.2)
+        limited = min(max(scatter, 0.0), SOFT_GATE_NIS * self.velocity_var)
         variance = self.velocity_var + forget * (limited - self.velocity_var)
         self.velocity_var = min(
             max(variance, VELOCITY_FLOOR_MPS**2), VELOCITY_CEILING_MPS**2
@@ -279,13 +270,17 @@ def soft_gated(measured: Measurement, S: Array) -> Measurement:
     """A wild velocity weighs little, but never nothing."""
     z, H, R = measured
     nis = float(z @ np.linalg.solve(S, z))
-    return measured if nis <= _SOFT_NIS else Measurement(z, H, R * (nis / _SOFT_NIS))
+    return (
+        measured
+        if nis <= SOFT_GATE_NIS
+        else Measurement(z, H, R * (nis / SOFT_GATE_NIS))
+    )
 
 
 def soft_gated_1d(measured: Measurement, S: Array) -> Measurement:
     """The same of a single number, beyond 3 sigma."""
     z, H, R = measured
-    excess = float(z[0]) ** 2 / _SOFT_NIS - float(S[0, 0])
+    excess = float(z[0]) ** 2 / SOFT_GATE_NIS - float(S[0, 0])
     return measured if excess <= 0.0 else Measurement(z, H, R + excess)
 
 

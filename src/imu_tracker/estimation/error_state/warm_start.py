@@ -19,7 +19,6 @@ from imu_tracker.estimation.error_state.states import (
     AXLE,
     DELAY,
     GYRO_BIAS,
-    GYRO_DRIFT_PSD,
     GYRO_GAIN,
     MOUNT_DRIFT_PSD,
     MOUNT_PITCH,
@@ -30,6 +29,7 @@ from imu_tracker.estimation.error_state.states import (
     VELOCITY_DELAY,
     YAW,
 )
+from imu_tracker.estimation.tuning import GYRO_DRIFT_PSD, ODD_MOUNTING_RAD
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import conjugate, rotate
 from imu_tracker.motion.vibration import Levels
@@ -60,8 +60,6 @@ GYRO_GAIN_GROWTH: Final = 0.003
 AXLE_GROWTH_M: Final = 0.3
 """The seat, the shelf: where it was put down."""
 
-REMOUNTED_RAD: Final = math.radians(20.0)
-"""A car never stands so steep: it is the box that was turned."""
 
 FRESH_S: Final = 600.0
 """Nobody puts a box into another car and drives off within so short a time."""
@@ -241,7 +239,7 @@ def is_remounted(learnt: LearnedParameters, level_q: Quat) -> bool:
     if learnt.q_vb is None:
         return False
     down_b = rotate(conjugate(level_q), (0.0, 0.0, 1.0))
-    return angle_to_down(rotate(learnt.q_vb, down_b)) > REMOUNTED_RAD
+    return angle_to_down(rotate(learnt.q_vb, down_b)) > ODD_MOUNTING_RAD
 
 
 def is_parked(

@@ -2,10 +2,8 @@
 
 from typing import Final
 
+from imu_tracker.estimation.tuning import PAUSE_S
 from imu_tracker.samples import GpsFix
-
-LONGEST_S: Final = 10.0
-"""A longer pause is an outage, not a period."""
 
 SMOOTHING: Final = 0.1
 """Share of a new interval: jitter of arrival evens out over ten fixes."""
@@ -38,6 +36,6 @@ class FixPeriod:
         if last_ns is not None and fix.t_ns > last_ns:
             interval_ns = fix.t_ns - last_ns
             self._intervals_ns = (self._intervals_ns[1], interval_ns)
-            if interval_ns * 1e-9 < LONGEST_S:
+            if interval_ns * 1e-9 < PAUSE_S:
                 self.mean_s += SMOOTHING * (interval_ns * 1e-9 - self.mean_s)
         self._last_ns = fix.t_ns

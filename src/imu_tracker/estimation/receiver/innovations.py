@@ -5,22 +5,14 @@ R grows. Innovations that keep to one side are the filter's error: P grows (`fad
 and it follows the receiver.
 """
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
+from imu_tracker.estimation.tuning import SIX_MAX_FADING, SIX_MAX_NIS_LEVEL
 from imu_tracker.samples import GpsFix
 
 Array = NDArray[np.float64]
-
-MAX_NIS_LEVEL: Final = 9.0
-"""A receiver's claim of its noise may be wrong by three at most; beyond
-that it is the filter that is wrong."""
-
-MAX_FADING: Final = 4.0
-"""Growth of P at a single fix: enough to turn a filter round within some fixes."""
 
 
 class InnovationMonitor:
@@ -49,7 +41,7 @@ class InnovationMonitor:
     @property
     def fading(self) -> float:
         """Factor by which P grows at a fix, when innovations keep to one side."""
-        return min(max(self._bias_nis, 1.0), MAX_FADING)
+        return min(max(self._bias_nis, 1.0), SIX_MAX_FADING)
 
     @property
     def nis_mean(self) -> float | None:
@@ -67,6 +59,6 @@ class InnovationMonitor:
         scatter = innovation - mean
         ratio = 0.5 * float(scatter @ np.linalg.solve(S, scatter)) * self.nis_level
         level = self.nis_level + 0.5 * forget * (ratio - self.nis_level)
-        self.nis_level = min(max(level, 1.0), MAX_NIS_LEVEL)
+        self.nis_level = min(max(level, 1.0), SIX_MAX_NIS_LEVEL)
         self._bias_nis = float(mean @ np.linalg.solve(S, mean))
         self.sigma_h_m += 0.5 * forget * (fix.sigma_h_m - self.sigma_h_m)

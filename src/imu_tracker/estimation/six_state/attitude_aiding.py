@@ -8,70 +8,44 @@ import math
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.six_state.attitude import AttitudeFilter
+from imu_tracker.estimation.tuning import (
+    COURSE_CORRELATION_S,
+    COURSE_DELAY_SIGMA_S,
+    COURSE_MAX_RATE_RADPS,
+    COURSE_SPEED_MPS,
+    DISTRUST_SHARE,
+    GRAVITY_WINDOW_MPS2,
+    LEVELLING_S,
+    LEVELLING_SIGMA_MPS2,
+    LEVELLING_SIGMA_RAD,
+    MAX_DISTRUST,
+    REST_RATE_SIGMA_RADPS,
+    REVERSE_FIXES,
+    REVERSE_MPS,
+    SIX_COURSE_SIGMA_RAD,
+    SIX_REVERSE_RAD,
+    VELOCITY_BASE_S,
+    VELOCITY_MODEL_MPS2,
+    VELOCITY_MODEL_SHARE,
+)
 from imu_tracker.geometry.rotation import rotate, wrap_pi
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import Vec3
 
-LEVELLING_S: Final = 1.0
-"""Mean specific force over so long is the first guess of gravity."""
-
-LEVELLING_SIGMA_RAD: Final = 0.2
-"""Its error when the body was moving: 2 m/s^2 against 9.81."""
-
 REST_LEVEL_SIGMA_MPS2: Final = 0.1
-REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 """A resting vehicle still rocks: mean of a second."""
 
 _REST_CORRELATION_FACTOR: Final = 5.0  # told at 5 Hz, each the mean of a second
 
-VELOCITY_BASE_S: Final = 4.0
-"""Receiver velocities are compared over so long: their noise counts once a base,
-the error of a tilt grows with it."""
-
-VELOCITY_MODEL_SHARE: Final = 0.1
-"""Of an acceleration, what yaw, scale and latency make uncertain."""
-
-VELOCITY_MODEL_MPS2: Final = 0.05
-
-MAX_DISTRUST: Final = 20.0
-"""Factor on its noise that the comparison earns by not fitting, as with a receiver
-whose latency is not the configured one. At the most gravity alone outweighs it."""
-
-DISTRUST_SHARE: Final = 0.2
-"""What one comparison adds to the distrust: five of them, 20 s, make it."""
 
 GRAVITY_BASE_S: Final = 1.0
-GRAVITY_SIGMA_MPS2: Final = 3.0
 """Own acceleration of a body of which nothing is known, mean of a second. Only over
 minutes does gravity win through this."""
 
-GRAVITY_WINDOW_MPS2: Final = 0.5
-"""Gravity is trusted only while |f| is about g."""
-
-COURSE_SPEED_MPS: Final = {"vehicle": 2.0, "walker": 0.8, "free": 2.0}
-"""Speed from which the course is taken for the heading."""
-
-COURSE_SIGMA_RAD: Final = math.radians(3.0)
-"""Between course and heading at best: slip, wind, current."""
-
-COURSE_MAX_RATE_RADPS: Final = 0.6
-"""In a tighter turn box, antenna and axle go different ways."""
 
 COURSE_LEVER_M: Final = 1.5
 """Way between them: the course leads or lags by lever * rate / speed."""
-
-COURSE_DELAY_SIGMA_S: Final = 0.2
-"""Receivers smooth their course, and the latency is only about known."""
-
-COURSE_CORRELATION_S: Final = 3.0
-"""Its errors last so long, whatever the rate of fixes."""
-
-REVERSE_RAD: Final = math.radians(120.0)
-REVERSE_FIXES: Final = 8
-REVERSE_MPS: Final = 5.0
-"""A course this far from a known heading is a vehicle going backwards; but nobody
-does so for so long, so fast: then it was the heading that was wrong."""
 
 
 class _Anchor(NamedTuple):
@@ -229,7 +203,7 @@ class AttitudeAiding:
             return
         rate = self._rate_down_radps if self._attitude.is_yaw_usable else 0.0
         centripetal = (-rate * v_n[1], rate * v_n[0])
-        self._attitude.update_level(f_n, centripetal, GRAVITY_SIGMA_MPS2)
+        self._attitude.update_level(f_n, centripetal, LEVELLING_SIGMA_MPS2)
 
     def update_from_course(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, period_s: float
@@ -246,12 +220,12 @@ class AttitudeAiding:
             return
         course = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
         sigma = math.hypot(
-            COURSE_SIGMA_RAD,
+            SIX_COURSE_SIGMA_RAD,
             sigma_mps / speed,
             rate * (COURSE_DELAY_SIGMA_S + COURSE_LEVER_M / speed),
         )
         if self._profile == "vehicle" and attitude.is_yaw_usable:
-            if abs(wrap_pi(course - attitude.yaw_rad)) > REVERSE_RAD:
+            if abs(wrap_pi(course - attitude.yaw_rad)) > SIX_REVERSE_RAD:
                 course += math.pi
                 self._n_backwards += speed > REVERSE_MPS
                 if self._n_backwards >= REVERSE_FIXES:

@@ -10,18 +10,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.tuning import (
+    REST_SPEED_SIGMA_MPS,
+    SIX_LATERAL_SIGMA_MPS,
+    SOFT_GATE_SIGMAS,
+)
 from imu_tracker.samples import Vec3
-
-LATERAL_SIGMA_MPS: Final = 0.3
-"""Sideways velocity of a vehicle where the box sits: tyre slip, suspension, crown."""
 
 LATERAL_LEVER_M: Final = 1.5
 """From the rear axle, which does not slip, forward to the box: turns swing it."""
-
-REST_SPEED_SIGMA_MPS: Final = 0.03
-"""A body that rests moves with its suspension, or with a hand on it."""
-
-_SOFT_GATE: Final = 3.0  # sigmas; beyond, a slide is likelier than noise
 
 
 class VelocityMeasurement(NamedTuple):
@@ -68,10 +65,10 @@ def non_holonomic(
     H = np.array([[-sine, cosine, 0.0]])
     z = sine * v_n[0] - cosine * v_n[1]
     variance = (
-        LATERAL_SIGMA_MPS**2
+        SIX_LATERAL_SIGMA_MPS**2
         + (LATERAL_LEVER_M * yaw_rate_radps) ** 2
         + (speed * yaw_sigma_rad) ** 2
     )
     predicted = float((H @ P_v @ H.T)[0, 0])
-    variance = max(variance, (z / _SOFT_GATE) ** 2 - predicted)
+    variance = max(variance, (z / SOFT_GATE_SIGMAS) ** 2 - predicted)
     return VelocityMeasurement(np.array([z]), H, np.array([[variance]]))

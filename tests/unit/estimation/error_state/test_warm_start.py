@@ -11,7 +11,7 @@ from imu_tracker.estimation.error_state.warm_start import (
     LearnedParameters,
     grown,
 )
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader, Source
 from imu_tracker.simulation import TruthRow, simulate

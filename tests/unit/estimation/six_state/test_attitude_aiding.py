@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.six_state.attitude import AttitudeFilter
-from imu_tracker.estimation.six_state.attitude_aiding import (
-    REVERSE_FIXES,
-    AttitudeAiding,
-)
+from imu_tracker.estimation.six_state.attitude_aiding import AttitudeAiding
+from imu_tracker.estimation.tuning import REVERSE_FIXES
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,

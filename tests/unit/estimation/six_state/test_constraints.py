@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.six_state import constraints
-from imu_tracker.estimation.six_state.constraints import (
-    LATERAL_SIGMA_MPS,
-    non_holonomic,
-)
+from imu_tracker.estimation.six_state.constraints import non_holonomic
+from imu_tracker.estimation.tuning import SIX_LATERAL_SIGMA_MPS
 
 SURE = np.eye(3) * 0.01
 
@@ -22,7 +20,7 @@ def test_only_the_velocity_across_the_heading_is_measured(yaw: float) -> None:
     measured = non_holonomic(v_n, SURE, yaw, 0.0, 0.0)
     assert measured.z == pytest.approx([-0.5])  # zero less what there is
     assert measured.H @ v_n == pytest.approx([0.5])
-    assert measured.R[0, 0] == pytest.approx(LATERAL_SIGMA_MPS**2)
+    assert measured.R[0, 0] == pytest.approx(SIX_LATERAL_SIGMA_MPS**2)
 
 
 def test_turning_and_an_unsure_yaw_weaken_it() -> None:

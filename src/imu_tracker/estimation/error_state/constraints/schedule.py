@@ -16,23 +16,24 @@ from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.platform import Platform
-from imu_tracker.estimation.error_state.states import ACCEL_BIAS, N_ERRORS
+from imu_tracker.estimation.error_state.states import (
+    ACCEL_BIAS,
+    N_ERRORS,
+    TILT_E,
+    TILT_N,
+)
+from imu_tracker.estimation.tuning import (
+    LEVELLING_SIGMA_MPS2,
+    STEADY_CORRELATION_S,
+    STEADY_MPS2,
+    STEADY_SIGMA_MPS2,
+)
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.motion.standstill import Rest
 
 OUTAGE_AFTER_S: Final = 2.0
 WEAK_PERIOD_S: Final = 1.0
 """What lasts for seconds is applied once a second."""
-
-LEVELLING_SIGMA_MPS2: Final = 3.0
-"""Own acceleration of a body of which nothing is known, mean of a second."""
-
-STEADY_MPS2: Final = 0.7
-STEADY_SIGMA_MPS2: Final = 0.3
-STEADY_CORRELATION_S: Final = 3.0
-"""A body whose velocity changes by less is steady, so far as a second's fixes tell;
-what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does
-not feel where down is."""
 
 
 class MotionConstraints:
@@ -90,15 +91,13 @@ class MotionConstraints:
             if not alignment.is_aligned:
                 for eskf in self._bank.filters:
                     self._level(eskf, outage_s)
-            if alignment.course_free is not None:
-                self._level(alignment.course_free, outage_s)
             if outage_s > OUTAGE_AFTER_S:
                 self._apply_priors(outage_s)
             else:
                 self._learn()
 
     def _rest(self, rest: Rest, period_s: float) -> None:
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             eskf.update(vehicle.zero_velocity(eskf, rest, period_s))
 
     def _learn(self) -> None:
@@ -166,6 +165,6 @@ def gravity_levelling(eskf: Eskf, variance: float) -> Measurement:
     an, ae, ad = eskf.mean_a_n
     fn, fe, fd = an, ae, ad - eskf.gravity_mps2
     H = np.zeros((2, N_ERRORS))
-    H[0, 7], H[1, 6] = fd, -fd
+    H[0, TILT_E], H[1, TILT_N] = fd, -fd
     H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
     return Measurement(np.array([-fn, -fe]), H, np.eye(2) * variance)

@@ -6,7 +6,6 @@ alone.
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -19,19 +18,22 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import AloneEstimate
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
+from imu_tracker.estimation.error_state.smoothing.entries import Scene
 from imu_tracker.estimation.error_state.states import (
     DELAY,
-    LONGER_SHARE,
     N_ERRORS,
+    POSITION,
     RECEIVER,
+    V_E,
+    V_N,
+    VELOCITY,
     Array,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
+from imu_tracker.estimation.tuning import LARGEST_RADIUS_M, LONGER_SHARE
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.samples import Vec3
-
-_LARGEST_RADIUS_M: Final = 2e7  # half way round the Earth
 
 
 class Combined:
@@ -71,9 +73,23 @@ class Combined:
             fixes.comparison.odds.has_imu_lead and not is_silent
         )
 
+    def scene(self) -> Scene:
+        """Return what a smoother must know beside the filters, at their instant."""
+        odds, propagation = self._fixes.comparison.odds, self._propagation
+        return Scene(
+            propagation.frame,
+            self._fixes.alt_origin_m,
+            self._buffer.shift_ns * 1e-9,
+            propagation.outage_s,
+            self._alignment.is_aligned,
+            has_imu=not (odds.is_imu_out or propagation.is_imu_silent),
+            odds_nats=odds.nats,
+        )
+
     def estimate_after(self, dt_s: float) -> Estimate:
         """Place of the leading hypothesis, and the radius that holds both."""
         imu, alone = self._by_imu(dt_s), self._by_receiver(dt_s)
+        imu = imu._replace(r95_m=self._radius_of_headings(imu.r95_m, dt_s))
         if alone is None:
             return imu
         here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
@@ -86,7 +102,22 @@ class Combined:
         r95 = radius_m(
             [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
         )
-        return leader._replace(r95_m=min(r95, _LARGEST_RADIUS_M))
+        return leader._replace(r95_m=min(r95, LARGEST_RADIUS_M))
+
+    def _radius_of_headings(self, r95_m: float, dt_s: float) -> float:
+        """Radius about the leading filter that holds all headings that are alive."""
+        if not self._bank.has_headings:
+            return r95_m
+        main, *others = self._bank.filters
+        weight, *weights = self._bank.weights
+        t_ns = self._buffer.now_ns + round(dt_s * 1e9) + self._buffer.shift_ns
+        after_s = (t_ns - main.nominal.t_ns) * 1e-9
+        parts = [(weight, 0.0, r95_m)]
+        for each, share in zip(others, weights, strict=True):
+            apart = _position_after(each, after_s) - _position_after(main, after_s)
+            cov = self._position_cov_m2(each, *each.nominal.v_n[:2], after_s)
+            parts.append((share, math.hypot(*apart), r95_of(cov)))
+        return min(radius_m(parts), LARGEST_RADIUS_M)
 
     def _by_receiver(self, dt_s: float) -> Estimate | None:
         """Estimate without an IMU; height and attitude are the filter's."""
@@ -122,21 +153,35 @@ class Combined:
         lat, lon = self._propagation.frame.to_lat_lon(north, east)
         alt = None if fixes.alt_origin_m is None else fixes.alt_origin_m - down
         total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
-        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.ambiguity_m)
+        cov = self._position_cov_m2(eskf, vn, ve, total_s)
+        r95 = max(r95_of(cov), fixes.ambiguity_m)
         return Estimate(
-            lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, _LARGEST_RADIUS_M)
+            lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, LARGEST_RADIUS_M)
         )
 
-    def _position_cov_m2(self, vn: float, ve: float, after_s: float) -> Array:
+    def _position_cov_m2(
+        self, eskf: Eskf, vn: float, ve: float, after_s: float
+    ) -> Array:
         """Covariance of p + v delay, carried over the time since the filter's."""
-        P = self._eskf.P
+        P = eskf.P
         H = np.zeros((2, N_ERRORS))
-        H[0, 0] = H[1, 1] = 1.0
-        H[0, 3] = H[1, 4] = after_s
+        H[:, POSITION] = np.eye(2, 3)
+        H[:, VELOCITY] = after_s * np.eye(2, 3)
         if self._alignment.is_aligned:  # before, velocity itself follows the fixes
-            H[0, DELAY], H[1, DELAY] = vn, ve
+            H[:, DELAY] = (vn, ve)
         cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
         return cov
+
+    def weights(self) -> dict[str, float]:
+        """Hypotheses that are alive by their names, with their probabilities."""
+        imu_weight, bank = self._fixes.comparison.odds.imu_weight, self._bank
+        named = {"receiver_alone": 1.0 - imu_weight}
+        names = [bank.main_name, *(rival.name for rival in bank.rivals)]
+        for name, share in zip(names, bank.weights, strict=True):
+            if share > 0.0:
+                label = f"imu, {name}" if bank.has_headings and name else "imu"
+                named[label] = named.get(label, 0.0) + imu_weight * share
+        return named
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
@@ -144,4 +189,10 @@ class Combined:
             alone = self._alone_at(0.0)
             return math.hypot(*alone.v_ne_mps), math.sqrt(alone.velocity_var)
         vn, ve, _ = self._eskf.nominal.v_n
-        return math.hypot(vn, ve), max(self._eskf.sigma(3), self._eskf.sigma(4))
+        return math.hypot(vn, ve), max(self._eskf.sigma(V_N), self._eskf.sigma(V_E))
+
+
+def _position_after(eskf: Eskf, dt_s: float) -> Array:
+    """North and east of a filter, carried on at its velocity."""
+    (pn, pe, _), (vn, ve, _) = eskf.nominal.p_n, eskf.nominal.v_n
+    return np.array([pn + vn * dt_s, pe + ve * dt_s])

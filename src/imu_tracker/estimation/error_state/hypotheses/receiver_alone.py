@@ -15,14 +15,13 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.states import Array
 from imu_tracker.estimation.receiver.gate import NIS_LIMIT
+from imu_tracker.estimation.tuning import ANY_SPEED_MPS, PAUSE_S
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import GpsFix
 
 UNKNOWN_DELAY_S: Final = 0.3
 """Standard deviation of a receiver's delay that no IMU has measured."""
 
-ANY_SPEED_MPS: Final = 20.0
-"""Standard deviation per axis of a velocity that the receiver does not send."""
 
 RESTART_FIXES: Final = 3
 """After so many outliers in a row it starts again from the last of them."""
@@ -33,9 +32,6 @@ SETTLING_NS: Final = 3_000_000_000
 SPEED_CORRELATION_S: Final = 30.0
 """Correlation time of the velocity's deviation: roads turn and lights change, so that
 it does not grow without a limit."""
-
-LONGEST_S: Final = 10.0
-"""After a longer gap it starts again from the next fix."""
 
 
 class FixNoise(NamedTuple):
@@ -146,7 +142,7 @@ class ReceiverAlone:
             Log-likelihood of its position and velocity; None: an outlier, or there was
             no prediction.
         """
-        if self._t_ns is None or not 0 <= t_ns - self._t_ns < LONGEST_S * 1e9:
+        if self._t_ns is None or not 0 <= t_ns - self._t_ns < PAUSE_S * 1e9:
             self.start(fix, t_ns, noise)
             return None
         dt_s = (t_ns - self._t_ns) * 1e-9

@@ -16,8 +16,9 @@ from imu_tracker.estimation.error_state.smoothing.entries import (
     Mark,
     nothing_later,
 )
-from imu_tracker.estimation.error_state.states import LONGER_SHARE, Array
+from imu_tracker.estimation.error_state.states import Array
 from imu_tracker.estimation.estimate import r95_of
+from imu_tracker.estimation.tuning import LONGER_SHARE
 from imu_tracker.geometry.rotation import (
     from_rotation_vector,
     multiply,

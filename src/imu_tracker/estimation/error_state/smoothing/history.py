@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import KeptFix
 from imu_tracker.estimation.error_state.smoothing.entries import Entry, Mark, Scene
 
@@ -25,21 +26,19 @@ class History:
         self._filters: Sequence[Eskf] = ()
         self._n_predictions = 0
 
-    def begin(self, filters: Sequence[Eskf]) -> None:
-        """Have filters keep what happens to them; the first one leads."""
+    def begin(self, filters: Sequence[Eskf], comparison: Comparison) -> None:
+        """Have filters, and the receiver alone, keep what happens to them."""
+        comparison.kept_fixes = self.fixes
         self._filters = filters
         for each in filters:
             each.keeps_history = True
 
-    @property
-    def is_mark_due(self) -> bool:
-        """Whether the instant should be marked."""
-        self._n_predictions += 1
-        return self._n_predictions % MARK_EVERY == 0
-
     def mark(self, filters: Sequence[Eskf], scene: Scene) -> None:
-        """Mark an instant at which rows may be asked for; the first filter leads."""
+        """Mark an instant, now and then, to find rows at; the first filter leads."""
         self._filters = filters
+        self._n_predictions += 1
+        if self._n_predictions % MARK_EVERY:
+            return
         for each in filters:
             each.past = Mark(each.past, each.nominal, each.delay_s, each.P, scene)
 

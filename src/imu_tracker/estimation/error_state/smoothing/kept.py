@@ -1,7 +1,10 @@
 """What a filter says of itself to its history, if it is asked to keep one."""
 
+from typing import Final
+
 import numpy as np
 
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.smoothing.entries import (
     Change,
     Correction,
@@ -13,19 +16,24 @@ from imu_tracker.estimation.error_state.smoothing.entries import (
 from imu_tracker.estimation.error_state.states import N_ERRORS, Array
 from imu_tracker.samples import Quat, Vec3
 
+LATE_S: Final = 0.3
+"""A fix at which a filter begins anew describes a place some tenths of a second ago."""
+
 
 class Kept:
     """A filter whose past can be kept for a smoother.
 
     Attributes
     ----------
+    nominal : Nominal
     P : ndarray, shape (31, 31)
-        The filter's covariance.
+        The filter's solution and its covariance.
     keeps_history : bool
     past : Entry or None
         The newest entry.
     """
 
+    nominal: Nominal
     P: Array
     keeps_history: bool = False
     past: Entry | None = None
@@ -49,10 +57,14 @@ class Kept:
         if self.keeps_history:
             self.past = Correction(self.past, P, z, H, R)
 
-    def note_loss(self, P: Array, z: Array, H: Array, R: Array) -> None:
-        """Keep how far off it was, before it begins anew."""
+    def note_loss(self, place_ne_m: tuple[float, float], sigma_m: float) -> None:
+        """Keep how far off it was, before it begins anew at a place of the receiver."""
         if self.keeps_history:
-            self.past = Loss(self.past, P, z, H, R)
+            (pn, pe, _), (vn, ve, _) = self.nominal.p_n, self.nominal.v_n
+            z = np.array([place_ne_m[0] - pn, place_ne_m[1] - pe])
+            late_var = LATE_S**2 * (vn * vn + ve * ve)
+            R = np.eye(2) * (sigma_m**2 + late_var)
+            self.past = Loss(self.past, self.P, z, np.eye(2, N_ERRORS), R)
 
     def note_reset(self, where: slice) -> None:
         """Keep that some errors were begun anew."""

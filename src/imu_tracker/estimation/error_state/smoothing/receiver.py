@@ -13,13 +13,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
-    ANY_SPEED_MPS,
     SPEED_CORRELATION_S,
     UNKNOWN_DELAY_S,
     KeptFix,
 )
 from imu_tracker.estimation.error_state.states import Array
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.tuning import ANY_SPEED_MPS
 from imu_tracker.geometry.geodesy import LocalFrame
 
 WILD_NIS: Final = 14.0

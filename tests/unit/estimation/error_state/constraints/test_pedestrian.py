@@ -1,37 +1,12 @@
-"""What is known of a body in the dark: gait and road."""
+"""A gait that was learnt, as a constraint of a walker."""
 
 import math
 
 import pytest
 
-from imu_tracker.estimation.error_state.constraints.pedestrian import (
-    LEARNING_S,
-    START_SPEED_MPS,
-    Gait,
-)
-from imu_tracker.estimation.error_state.constraints.road_prior import (
-    LEAST_FORWARD_MPS2,
-    LEAST_SLOPE_RAD,
-    START_SLOPE_RAD,
-    RoadPrior,
-)
-from imu_tracker.estimation.error_state.filter import Eskf
-from imu_tracker.estimation.error_state.mechanisation import Nominal
-from imu_tracker.estimation.error_state.states import NoiseLevel
-from imu_tracker.geometry.rotation import from_euler
-from imu_tracker.samples import Vec3
-
-NOISE = NoiseLevel(gyro_share=0.1, accel_share=0.1)
-
-
-def moving(v_n: Vec3, yaw_rad: float = 0.0, pitch_rad: float = 0.0) -> Eskf:
-    eskf = Eskf(NOISE, is_vehicle=True)
-    q_nb = from_euler(0.0, pitch_rad, yaw_rad)
-    eskf.nominal = Nominal(0, (0.0, 0.0, 0.0), v_n, q_nb)
-    return eskf
-
-
-# -------------------------------------------------------------------------- gait
+from imu_tracker.estimation.error_state.constraints.pedestrian import Gait
+from imu_tracker.estimation.tuning import GAIT_LEARNING_S, START_WALK_MPS
+from support.error_state import moving
 
 
 def walked(v_ne: tuple[float, float], seconds: int, turned_rad: float = 0.0) -> Gait:
@@ -62,7 +37,7 @@ def test_what_the_gyro_may_have_drifted_is_doubted_across_alone() -> None:
 
 
 def test_how_somebody_walks_is_not_known_at_once() -> None:
-    gait = walked((1.4, 0.0), int(LEARNING_S) - 1)
+    gait = walked((1.4, 0.0), int(GAIT_LEARNING_S) - 1)
     for _ in range(100):  # standing about, and rolling along, teach nothing of it
         gait.learn((0.1, 0.0), 0.0, 1.0, is_stepping=True)
         gait.learn((0.0, 1.4), 0.0, 1.0, is_stepping=False)
@@ -76,32 +51,4 @@ def test_the_speed_on_foot_is_bounded_by_what_was_seen() -> None:
     assert slow.z == pytest.approx([-10.0, 0.0])
     assert slow.R[0, 0] < unknown.R[0, 0] < fast.R[0, 0]
     # Two axes share the square of the speed; 30 s of it count as one.
-    assert unknown.R[0, 0] == pytest.approx(30.0 * START_SPEED_MPS**2 / 2.0)
-
-
-# -------------------------------------------------------------------------- road
-
-
-def test_a_level_motorway_at_a_steady_speed_is_known_to_be_one() -> None:
-    road = RoadPrior()
-    for _ in range(1200):
-        road.learn(moving((30.0, 0.0, 0.0)), 1.0)
-    assert road.slope_sigma_rad < math.radians(2.0)
-    assert road.forward_sigma_mps2 < 0.4
-    assert road.slope_sigma_rad >= LEAST_SLOPE_RAD
-    assert road.forward_sigma_mps2 >= LEAST_FORWARD_MPS2
-
-
-def test_a_pass_road_is_steeper_than_one_had_thought() -> None:
-    road = RoadPrior()
-    for k in range(1200):
-        pitch_rad = math.radians(8.0) * (1 if k // 300 % 2 else -1)
-        road.learn(moving((10.0, 0.0, 0.0), 0.0, pitch_rad), 1.0)
-    assert road.slope_sigma_rad == pytest.approx(math.radians(8.0), rel=0.1)
-
-
-def test_who_stands_says_nothing_of_roads() -> None:
-    road = RoadPrior()
-    for _ in range(1000):
-        road.learn(moving((0.1, 0.0, 0.0)), 1.0)
-    assert road.slope_sigma_rad == START_SLOPE_RAD
+    assert unknown.R[0, 0] == pytest.approx(30.0 * START_WALK_MPS**2 / 2.0)

@@ -13,7 +13,7 @@ from imu_tracker.publish.outbox import Outbox, Selection
 from imu_tracker.publish.thinning import Placed, Rules
 from imu_tracker.storage.latlong import HEADER
 from imu_tracker.storage.log_tail import TailPosition
-from published import NOON_S, drive, line, row, write_log
+from support.published import NOON_S, drive, line, row, write_log
 
 EVERY = Selection(Rules(moving_s=0))
 NEWEST = Selection(Rules(moving_s=10), is_newest_only=True)

@@ -20,8 +20,9 @@ from imu_tracker.setup.actions import Command, Edit
 from imu_tracker.setup.boot_config import BootConfig, NotUnderstoodError, Setting
 from imu_tracker.setup.kernel_command import consoles_on, without_consoles
 from imu_tracker.setup.machine import Machine
+from support.paths import TESTS
 
-BOOT_FILES = Path(__file__).parents[1] / "boot_files"
+BOOT_FILES = TESTS / "boot_files"
 
 I2C = Setting(("i2c_arm", "i2c"), "on", is_parameter=True)
 UART = Setting(("enable_uart",), "1", is_parameter=False)

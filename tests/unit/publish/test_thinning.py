@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from imu_tracker.publish.thinning import LINE_M, Placed, Rules, Thinner
 from imu_tracker.storage.latlong import LogRow
 from imu_tracker.storage.log_tail import TailPosition
-from published import drive, row
+from support.published import drive, row
 
 NOWHERE = TailPosition()
 USUAL = Rules()

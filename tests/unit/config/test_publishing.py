@@ -9,8 +9,9 @@ import pytest
 from imu_tracker.config import Config, load_config
 from imu_tracker.config.publishing import PublishConfig, endpoint_of
 from imu_tracker.errors import ConfigError
+from support.paths import REPOSITORY
 
-DOCUMENTED = Path(__file__).parents[2] / "config" / "imu-tracker.toml"
+DOCUMENTED = REPOSITORY / "config" / "imu-tracker.toml"
 HOME = ("publish.home.kind=mqtt", "publish.home.url=mqtt://broker")
 
 

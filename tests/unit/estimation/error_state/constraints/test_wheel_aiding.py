@@ -9,7 +9,7 @@ from imu_tracker.estimation.error_state.constraints.wheel_aiding import along, f
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY, NoiseLevel
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.rotation import IDENTITY
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Source, Vec3
