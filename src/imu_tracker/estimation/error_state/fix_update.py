@@ -45,7 +45,7 @@ from imu_tracker.estimation.tuning import (
 from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
-"""A filter that begins anew with a true attitude keeps its way for longer."""
+"""A restart soon after another one means that the attitude was wrong, too."""
 
 
 class FixUpdate:
@@ -69,7 +69,7 @@ class FixUpdate:
     comparison : Comparison
         Of the filters with the receiver alone.
     alt_origin_m : float or None
-        Height of the origin of positions, once a fix has told it.
+        Height of the origin of positions, from the first fix with one.
     ambiguity_m : float
         Radius that reaches to where refused fixes agree on; 0: none do.
     nis_mean, log_likelihood_mean : float
@@ -101,12 +101,12 @@ class FixUpdate:
 
     @property
     def nis_mean(self) -> float:
-        """Mean squared innovation; 2 when all is as it says."""
+        """Mean normalised innovation squared; 2 for a consistent filter."""
         return self._nis_sum / max(self._n_used, 1)
 
     @property
     def log_likelihood_mean(self) -> float:
-        """How well fixes were foretold."""
+        """Mean log-likelihood of the positions that were used."""
         return self._log_likelihood_sum / max(self._n_used, 1)
 
     def change_profile(self) -> None:
@@ -119,7 +119,7 @@ class FixUpdate:
         receiver, eskf = self.receiver, self._bank.main
         speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
         if self._gate.is_frozen(fix, math.hypot(*speed_n)):
-            # By its own word it moves, or else by the filter's, which may be wrong.
+            # It moves by its own velocity, or by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
@@ -156,7 +156,7 @@ class FixUpdate:
             if not odds.has_imu_lead:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
-                # Two say the same: the truth may be there as well as here.
+                # Two rejected fixes agree: r95 must reach them.
                 self.ambiguity_m = (
                     math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
                 )
@@ -182,7 +182,7 @@ class FixUpdate:
         return FixOutcome.ACCEPTED
 
     def _recover_heading(self, fix: GpsFix) -> bool:
-        """Whether it was only a heading that was wrong, by trial or by guess."""
+        """Try another heading before giving up the IMU; return whether there is one."""
         alignment = self._alignment
         is_guess = alignment.course_free is not None
         if not alignment.adopt_other_heading():
@@ -194,7 +194,7 @@ class FixUpdate:
         return True
 
     def _restart_imu(self, fix: GpsFix) -> None:
-        """Learn the IMU anew, beside the receiver that it contradicts."""
+        """Relearn the IMU from the start; rows follow the receiver meanwhile."""
         self._alignment.reset_orientation("the IMU contradicts the receiver: GPS alone")
         self._alignment.distrust_course()
         self._restarted_ns = None
@@ -206,11 +206,10 @@ class FixUpdate:
         self._begin_at(fix)
 
     def _inflate_unexplained(self, eskf: Eskf, variance: float) -> None:
-        """Open up where the receiver's error would have to be larger than it can be.
+        """Inflate P where the estimated receiver error is larger than plausible.
 
-        A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
-        within some seconds.
+        An overconfident filter attributes its own error to the receiver. The part
+        beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty within some seconds.
         """
         error_m = math.hypot(*eskf.receiver_ne_m)
         beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
@@ -253,10 +252,10 @@ class FixUpdate:
         return likelihood
 
     def _restart(self, fix: GpsFix) -> None:
-        """Begin anew from the receiver; the attitude stays if nothing is against it.
+        """Start again at the receiver's position; keep the attitude if it may be right.
 
-        A filter that lost its way before its heading was confirmed had a wrong one, and
-        so had one that soon loses it again, unless velocities speak for it.
+        The heading was wrong if it was not confirmed yet, or if this is the second
+        restart within a minute and no velocity supports it.
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
@@ -268,7 +267,7 @@ class FixUpdate:
         self._begin_at(fix)
 
     def _begin_at(self, fix: GpsFix) -> None:
-        """Put all filters where the receiver is."""
+        """Start all filters at the receiver's position."""
         down, levelled = self._bank.main.nominal.p_n[2], self._alignment.course_free
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.ambiguity_m = 0.0
