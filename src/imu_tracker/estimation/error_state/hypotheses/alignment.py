@@ -15,7 +15,6 @@ import numpy as np
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
-    REVERSE_MPS,
     REVERSE_RAD,
     inflate_gyro_bias,
     off_course,
@@ -37,6 +36,12 @@ from imu_tracker.estimation.error_state.states import (
     YAW,
     Array,
 )
+from imu_tracker.estimation.tuning import (
+    LEVELLING_S,
+    ODD_MOUNTING_RAD,
+    REVERSE_MPS,
+    USABLE_YAW_SIGMA_RAD,
+)
 from imu_tracker.geometry.rotation import (
     IDENTITY,
     level_from_gravity,
@@ -46,10 +51,6 @@ from imu_tracker.geometry.rotation import (
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, Quat
-
-LEVELLING_S: Final = 1.0
-ODD_MOUNTING_RAD: Final = math.radians(20.0)
-"""No road and no hand's error tips a box so far."""
 
 COURSE_SPEED_MPS: Final = 2.0
 COURSE_TURN_RADPS: Final = 0.3
@@ -77,10 +78,9 @@ seconds whether the box sits turned; on a steady road it never can."""
 DOUBTED_PATIENCE_S: Final = 60.0
 """And for so long once a course has proved to be no heading."""
 
-LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
-"""Known worse than this, an angle is sooner found anew than mended: a filter that is
-linear about it goes the wrong way."""
+"""A tilt known worse than this is levelled again: the filter is linear about it. So is
+a yaw beyond `USABLE_YAW_SIGMA_RAD`."""
 
 RELEVELLED_SIGMA_RAD: Final = 0.5
 """What a level may be wrong by that was found amid a turn: an aeroplane banks so."""
@@ -207,7 +207,7 @@ class Alignment:
         main = self._bank.main
         if self.is_level and max(main.P.diagonal()[TILT]) > LOST_TILT_SIGMA_RAD**2:
             self.reset_orientation()
-        elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
+        elif self.is_aligned and main.sigma(YAW.start) > USABLE_YAW_SIGMA_RAD:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
 
