@@ -153,9 +153,8 @@ class Tracker:
     def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:
         jump_s = self._utc.add_epoch(arrival_ns, utc_s)
         if jump_s:
-            self._notify(
-                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
-            )
+            follows = self._utc.follows(jump_s)
+            self._notify(f"the receiver's time jumped by {jump_s:+.1f} s; {follows}")
 
     def _update(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; until the first row, each one starts it.
@@ -239,6 +238,7 @@ class Tracker:
             estimate.q_nb,
             estimate.r95_m + way_m,
             mode,
+            self._utc.is_sure,
         )
 
     def predict(self, after_s: Iterable[float]) -> list[Prediction]:
