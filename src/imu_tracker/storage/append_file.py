@@ -232,7 +232,7 @@ class AppendFile:
             raise
         if size is None:
             os.close(fd)
-            moved = self.rotated.take()
+            moved = self.rotated.rotate()
             log.warning("%s: had another format, moved to %s", self.path, moved)
             self._open()
             return
@@ -258,7 +258,7 @@ class AppendFile:
     def _rotate(self, fd: int) -> None:
         try:
             os.fsync(fd)
-            self.rotated.take()
+            self.rotated.rotate()
         except OSError as error:
             log.warning("%s: cannot be rotated: %s", self.path, error.strerror)
             self._rotate_at_bytes = self._size + self._max_bytes / 16

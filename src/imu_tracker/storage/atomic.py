@@ -11,11 +11,7 @@ import os
 from pathlib import Path
 
 from imu_tracker.errors import OutputError
-from imu_tracker.storage.rotated_files import (
-    DIRECTORY_MODE,
-    FILE_MODE,
-    sync_directory,
-)
+from imu_tracker.storage.rotated_files import DIRECTORY_MODE, FILE_MODE, sync_directory
 
 
 def replace_file(path: Path, data: bytes) -> None:
