@@ -51,6 +51,14 @@ def test_a_restart_goes_on_behind_the_row_that_was_taken(log: Path) -> None:
     again.close()
 
 
+def test_the_newest_is_known_when_just_as_many_are_taken(log: Path) -> None:
+    # It was sent as history, and a live map showed the row before for five minutes.
+    write_log(log, [row(0), row(10), *(row(11 + n) for n in range(5))])
+    outbox = Outbox(log, Selection(Rules()), None)
+    assert [entry.is_newest for entry in outbox.take(2)] == [False, True]
+    outbox.close()
+
+
 @pytest.mark.parametrize("is_packed", [False, True])
 def test_a_rotated_file_that_is_compressed_while_it_waits_is_read(
     log: Path, is_packed: bool
