@@ -46,7 +46,6 @@ from imu_tracker.samples import GpsFix, Vec3
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
 
-
 HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
 HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
 """m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
@@ -143,18 +142,13 @@ class FixUpdate:
         position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        has_say = is_aligned and not (
-            self._propagation.is_imu_silent or receiver.is_catching_up
-        )
+        has_say = is_aligned and not receiver.is_catching_up
+        has_say = has_say and not self._propagation.is_imu_silent
         noise = receiver.noise(fix, position)
         likelihoods = self._log_likelihoods(fix, ahead_s, noise) if has_say else []
-        verdict = self.comparison.weigh(
-            fix,
-            eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9),
-            noise,
-            self._bank.mixed(likelihoods) if has_say else None,
-            receiver.period_s,
-        )
+        imu = self._bank.mixed(likelihoods) if has_say else None
+        instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
+        verdict = self.comparison.weigh(fix, instant_ns, noise, imu, receiver.period_s)
         if verdict is Verdict.IMU_LOST:
             if not self._recover_heading(fix):
                 self._restart_imu(fix)
