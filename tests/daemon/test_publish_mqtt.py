@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from imu_tracker.check.destinations import check_destinations
+from imu_tracker.config import load_config
 from imu_tracker.publish import worker as worker_module
 from imu_tracker.publish.senders.mqtt import WINDOW
 from imu_tracker.publish.thinning import Placed, Rules, Thinner
@@ -361,6 +363,24 @@ def test_what_is_wrong_with_a_broker_is_said(tmp_path: Path) -> None:
         assert "No such file" in said
         other = {**good, "url": f"mqtts://127.0.0.2:{broker.port}"}
         assert "refused: nobody listens there" in refusals(tmp_path, **other)
+
+
+def test_check_logs_in_beside_a_publisher_and_disturbs_nothing(tmp_path: Path) -> None:
+    made = certificates(tmp_path / "certificates")
+    log = tmp_path / "latlong.csv"
+    write_log(log, drive(3))
+    with mosquitto(tmp_path / "broker", *guarded(tmp_path, made)) as broker:
+        keys = {"url": f"mqtts://localhost:{broker.port}", "ca_file": made.ca}
+        keys |= {"kind": "mqtt", "credentials_file": credentials(tmp_path)}
+        chosen = arguments(log, tmp_path, "a", **keys)
+        with working(*chosen) as worker:
+            until(lambda: worker.sent_rows > 0, "it is connected")
+            (found,) = check_destinations(load_config(None, chosen[1::2]))
+            assert found.exit_code == 0
+            assert found.text.endswith("logged in, MQTT 5, TLS")
+            write_log(log, drive(99))
+            until(lambda: worker.sent_rows > 1, "it goes on")
+            assert worker.errors == 0
 
 
 def test_a_broker_that_lets_nobody_write_is_told_and_takes_nothing(

@@ -197,7 +197,11 @@ class FixUpdate:
 
     def _restart_imu(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
-        self._alignment.reset_orientation("the IMU contradicts the receiver: GPS alone")
+        self._alignment.reset_orientation(
+            "the IMU contradicts the receiver: GPS alone until it agrees; if that is "
+            "told again and again: is the box fixed? run imu-tracker selftest; is the "
+            "antenna more than 3 m from it? set gps.lever_arm_m"
+        )
         self._restarted_ns = None
         fresh = start_covariance(is_vehicle=False)
         for eskf in self._bank.filters:

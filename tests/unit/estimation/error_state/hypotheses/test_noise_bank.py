@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
+    EARLY_WIN_NATS,
     HEADING_LOST_NATS,
     HEADING_WIN_NATS,
+    MOST_NATS,
     Kind,
     NoiseBank,
     Rival,
@@ -69,6 +71,16 @@ def test_improbable_headings_are_dropped_and_noise_is_on_trial_again() -> None:
     assert verdict is False
     assert [rival.kind for rival in bank.rivals] == [Kind.NOISE]
     assert bank.weights[0] == 1.0
+
+
+def test_the_likelier_noise_level_wins_but_not_by_a_single_fix() -> None:
+    bank = NoiseBank(1, is_vehicle=True)
+    challenger = bank.rivals[0].eskf
+    bank.add_log_likelihoods([-100.0, 0.0], 1.0)
+    assert bank.main is not challenger
+    for _ in range(math.ceil(EARLY_WIN_NATS / MOST_NATS) + 1):
+        bank.add_log_likelihoods([-100.0, 0.0], 1.0)
+    assert bank.level != 1
 
 
 def test_the_density_of_a_yaw_integrates_to_one() -> None:
