@@ -25,6 +25,8 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import (
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
+    HELD_PLACE_VAR,
+    HELD_SPEED_VAR,
     FixGeometry,
     ReceiverModel,
     geometry_of,
@@ -45,11 +47,6 @@ from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
-
-HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
-HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
-"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
-motion, until it has caught up."""
 
 
 class FixUpdate:
@@ -181,8 +178,7 @@ class FixUpdate:
             receiver.learn_position_noise(nis_alone)
         corrected = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
         if has_say:
-            if not self._bank.has_headings:
-                likelihoods = corrected
+            likelihoods = likelihoods if self._bank.has_headings else corrected
             self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
         self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
@@ -222,6 +218,11 @@ class FixUpdate:
             found.append(log_likelihood_of(eskf, position, velocity, noise.late_var))
         return found
 
+    @property
+    def _held(self) -> float:
+        """Share of what a held place hides: none while the heading is undecided."""
+        return 0.0 if self._bank.has_headings else 1.0
+
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
     ) -> Measurement:
@@ -232,7 +233,7 @@ class FixUpdate:
             position.H[:, DELAY] = 0.0  # the place itself is the receiver's
         elif self.receiver.is_catching_up:
             position.H[:, DELAY] = 0.0
-            position = position._replace(R=position.R + HELD_PLACE_VAR)
+            position = position._replace(R=position.R + self._held * HELD_PLACE_VAR)
         return position
 
     def _velocity(
@@ -246,7 +247,7 @@ class FixUpdate:
             velocity.H[:, VELOCITY_DELAY] = 0.0  # the velocity is the receiver's
         elif self.receiver.is_catching_up:
             velocity.H[:, VELOCITY_DELAY] = 0.0
-            velocity = velocity._replace(R=velocity.R + HELD_VELOCITY_VAR)
+            velocity = velocity._replace(R=velocity.R + self._held * HELD_SPEED_VAR)
         return velocity
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
