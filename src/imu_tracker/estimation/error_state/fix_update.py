@@ -118,9 +118,8 @@ class FixUpdate:
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
         receiver, eskf = self.receiver, self._bank.main
-        if self._gate.is_frozen(
-            fix, math.hypot(*(fix.vel_ne_mps or eskf.nominal.v_n[:2]))
-        ):
+        speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
+        if self._gate.is_frozen(fix, math.hypot(*speed_n)):
             # By its own word it moves, or else by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
@@ -219,9 +218,8 @@ class FixUpdate:
         return found
 
     @property
-    def _held(self) -> float:
-        """Share of what a held place hides: none while the heading is undecided."""
-        return 0.0 if self._bank.has_headings else 1.0
+    def _held(self) -> int:  # none while the heading is undecided
+        return int(not self._bank.has_headings)
 
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
