@@ -55,6 +55,12 @@ TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
 
 
+HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
+HELD_SPEED_VAR: Final = 1.0**2 * np.eye(2)
+"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
+motion, until it has caught up."""
+
+
 class FixGeometry(NamedTuple):
     """The antenna against the chip, navigation axes."""
 

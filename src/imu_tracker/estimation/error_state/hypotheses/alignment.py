@@ -259,7 +259,8 @@ class Alignment:
         self._check_reverse()
         self._update_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._align(fix)
+            if not receiver.is_catching_up:
+                self._align(fix)
         elif self.is_prior_unproved and not self._bank.is_heading_trial:
             self._try_prior(fix)
 
