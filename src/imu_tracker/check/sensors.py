@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.check import network_ports
+from imu_tracker.check import advice, network_ports
 from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -127,40 +127,22 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
         yield _unavailable("GPS port", _why_closed(port, health.detail))
         return
     if health.state is not GpsState.OK:
-        advice = network_ports.why_useless(port, health.state)
-        advice = advice or _GPS_ADVICE[health.state]
-        yield _unavailable("GPS port", f"{port}: {advice}")
+        why = network_ports.why_useless(port, health.state)
+        yield _unavailable("GPS port", f"{port}: {why or advice.USELESS[health.state]}")
         return
     speed = "" if "://" in port else f" at {health.baud} baud"
     yield _ok("GPS port", f"{port}{speed}: {' '.join(sorted(kinds))}")
-    if not kinds & {"RMC", "GGA", "GNS", "GLL"}:
-        yield _unavailable("GPS", "no sentence has a position: it must send RMC or GGA")
+    if not advice.has_places(kinds):
+        yield _unavailable("GPS", advice.NO_POSITION)
     elif epochs.counters["fixes_without_date"]:
-        yield _warning(
-            "GPS",
-            "a fix without a date, and so no log: make it send RMC, or set gps.date",
-        )
+        yield _warning("GPS", advice.NO_DATE)
     elif not epochs.counters["fixes"] and epochs.unread:
         text = max(epochs.unread, key=lambda kind: epochs.counters[kind])
         yield _warning("GPS", f"the receiver sends {epochs.unread[text]}")
     elif not epochs.counters["fixes"]:
-        yield _warning("GPS", "no fix yet: the antenna wants to see the sky")
+        yield _warning("GPS", advice.NO_FIX)
     else:
         yield _ok("GPS", "a fix")
-
-
-_GPS_ADVICE: Final = {
-    GpsState.SILENT: (
-        "not a byte: is the receiver powered, its TX on our RX, and the serial port on "
-        "(sudo raspi-config nonint do_serial_hw 0)?"
-    ),
-    GpsState.SEARCHING: (
-        "bytes, but no sentence at any speed: not NMEA, or a bad connection"
-    ),
-    GpsState.GARBAGE: (
-        "bytes, but no sentence: not NMEA, a wrong gps.baud, or a bad connection"
-    ),
-}
 
 
 def _listen(
@@ -208,10 +190,10 @@ def _why_closed(port: str, detail: str) -> str:
         patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
         found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
         others = ", ".join(map(str, found)) or "no serial port"
-        advice = "set gps.port"
+        remedy = "set gps.port"
         if path.name in mending.UARTS:
-            advice = f"{mending.switch_uart_on()}; or {advice}"
-        return f"{port} does not exist (there is {others}): {advice}"
+            remedy = f"{mending.switch_uart_on()}; or {remedy}"
+        return f"{port} does not exist (there is {others}): {remedy}"
     if not os.access(path, os.R_OK | os.W_OK):
         return f"no permission for {port}: {mending.join_group(path, 'dialout')}"
     return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
@@ -236,8 +218,8 @@ def check_output(what: str, path: Path, layout: Layout, min_free_mb: float) -> F
         place = place.parent
     is_file = place == path
     if place.is_dir() is is_file or not os.access(place, os.W_OK):
-        advice = f": {mending.own_directory(path.parent)}" if place.is_dir() else ""
-        error = OutputError(f"{path}: this user cannot write to {place}{advice}")
+        remedy = f": {mending.own_directory(path.parent)}" if place.is_dir() else ""
+        error = OutputError(f"{path}: this user cannot write to {place}{remedy}")
         return _failed(what, str(error), error)
     if is_file and is_foreign(path, layout):
         error = OutputError(f"{path}: {FOREIGN}")

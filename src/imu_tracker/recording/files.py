@@ -7,8 +7,10 @@ come again further down, and start a new session whose clock begins anew.
 """
 
 import gzip
+import io
 import logging
 import re
+import zlib
 from abc import ABC, abstractmethod
 from binascii import unhexlify
 from collections import Counter
@@ -120,6 +122,31 @@ def read_recording(path: Path) -> Iterator[SessionHeader | Frame]:
         )
     if has_magic:
         log.warning("%s: the last session has lost its header; left out", path)
+
+
+def is_recording(path: Path) -> bool:
+    """Tell by the first bytes; what cannot be read is left to the reader to say."""
+    words = MAGIC.rpartition(b" ")[0]  # of any version
+    try:
+        with path.open("rb") as file:
+            is_gzip = file.read(2) == b"\x1f\x8b"
+        opener = gzip.open if is_gzip else open
+        with opener(path, "rb") as file:
+            return bool(file.read(len(words)) == words)
+    except (OSError, EOFError, zlib.error):
+        return False
+
+
+def is_cut(path: Path) -> bool:
+    """Tell whether the end of a recording is torn, as by a power loss."""
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        if file.read(2) == b"\x1f\x8b":
+            file.seek(0)
+            return end_of_members(file, MAGIC) != size
+        file.seek(max(0, size - 1))
+        return file.read(1) != b"\n"
 
 
 class FrameWriter(ABC):
