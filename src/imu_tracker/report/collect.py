@@ -4,7 +4,6 @@ The recording is tracked once, by the configured estimator; on its way each fram
 also shown to those who measure the sensors.
 """
 
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,9 +24,6 @@ from imu_tracker.samples import (
     Source,
 )
 from imu_tracker.storage.latlong import format_row, parse_row
-
-LEARN_EVERY_S = 20.0
-"""What was learnt changes slowly, and costs more to ask than a fix."""
 
 
 class Notice(NamedTuple):
@@ -98,7 +94,6 @@ class Tracked:
         self._track = TrackLog(name)
         self._length_s = 0.0
         self._stopwatch = Stopwatch()
-        self._delay_s, self._learnt_s = 0.0, -math.inf
 
     def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
         """Yield the rows of the log."""
@@ -135,10 +130,10 @@ class Tracked:
             if isinstance(item, SessionHeader):
                 self._begin(item)
             elif item.source is Source.IMU:
-                self._take(t_s, self._receiver.advance(t_s, item.t_ns))
+                self._take(self._receiver.advance(t_s, item.t_ns))
                 self._imu.add(t_s, item.data)
             elif item.source is Source.GPS:
-                self._take(t_s, self._receiver.add(t_s, item.t_ns, item.data))
+                self._take(self._receiver.add(t_s, item.t_ns, item.data))
             yield item
 
     def _begin(self, header: SessionHeader) -> None:
@@ -147,10 +142,6 @@ class Tracked:
         self._imu.begin(header, settings.mount or header.mount or DEFAULT_MOUNT)
         self._receiver.begin(header)
 
-    def _take(self, t_s: float, fixes: list[GpsFix]) -> None:
+    def _take(self, fixes: list[GpsFix]) -> None:
         for fix in fixes:
-            if t_s - self._learnt_s > LEARN_EVERY_S:
-                self._learnt_s = t_s
-                delay_s = self._replay.result()["learnt"].get("delay_s")
-                self._delay_s = delay_s if isinstance(delay_s, float) else 0.0
-            self._track.add_fix(fix, self._delay_s)
+            self._track.add_fix(fix)

@@ -122,7 +122,7 @@ def _of_sensors(sensors: Sensors, length_s: float) -> Iterator[Finding]:
             "imu_stuck",
             Weight.BAD,
             "The IMU is half dead: an axis does not move any more",
-            f"{text.removeprefix('imu: ').capitalize()}." if text else "",
+            f"Since then: {text.removeprefix('imu: ')}." if text else "",
             "Run imu-tracker selftest; if it fails, replace the module.",
         )
     yield from _mounting(imu, sensors)
@@ -225,13 +225,13 @@ def _chip(imu: ImuFigures) -> Iterator[Finding]:
         shows.append(f"It moved by {imu.bias_change_dps:.1f} deg/s during the drive.")
     if imu.bias_dps > BIAS_DPS:
         shows.append(f"At rest the gyro reads {imu.bias_dps:.0f} deg/s.")
-    if imu.noise_dps > NOISE_DPS:
+    if abs(imu.gravity_g - 1.0) > SCALE_OFF:
+        shows.append(f"Standing, it feels {imu.gravity_g:.2f} g instead of 1.")
+    if shows and imu.noise_dps > NOISE_DPS:  # alone, an engine may do it
         shows.append(
             f"Standing, it trembles by {imu.noise_dps:.1f} deg/s; the datasheet's has "
             "0.05."
         )
-    if abs(imu.gravity_g - 1.0) > SCALE_OFF:
-        shows.append(f"Standing, it feels {imu.gravity_g:.2f} g instead of 1.")
     if not shows:
         return
     low, high = imu.temps_degc

@@ -88,6 +88,8 @@ def time_section(collected: Collected) -> str:
 def outages_section(collected: Collected) -> str:
     """Return where the receiver was blind, and how far off the track was then."""
     outages = collected.track.outages
+    if not collected.track.rows:
+        return "<p>There was no fix at all.</p>"
     if not outages:
         return "<p>The receiver was never without a fix for more than 5 s.</p>"
     shown = sorted(outages, key=lambda o: -o.length_s)[:MOST_OUTAGES]
@@ -122,7 +124,7 @@ def trust_section(collected: Collected) -> str:
     """Return how true the radius was, by the receiver's own fixes."""
     track, overall = collected.track, collected.track.overall()
     if overall is None:
-        return "<p>Only a recording has fixes to compare the track with.</p>"
+        return "<p>There are no fixes to compare the track with.</p>"
     span, periods = _span(track), track.periods()
     wide_s = 60.0
     if len(periods) > 1:
@@ -188,6 +190,8 @@ def learnt_section(collected: Collected) -> str:
     """Return what the estimator found out."""
     if collected.sensors is None:
         return "<p>A log does not say what was learnt.</p>"
+    if not collected.track.rows:
+        return "<p>Nothing: there was no fix to learn from.</p>"
     learnt = collected.sensors.result["learnt"]
     rows = [
         (words, _value(learnt[key]))
@@ -197,8 +201,6 @@ def learnt_section(collected: Collected) -> str:
     wheels = learnt.get("wheels") or {}
     if circumference_m := wheels.get("circumference_m"):
         rows.append(("circumference of the wheels (m)", f"{circumference_m:.3f}"))
-    if not rows:
-        return "<p>Nothing: there was no fix to learn from.</p>"
     notices = "".join(
         f"<li>{duration(notice.t_s)}: {escape(notice.text)}</li>"
         for notice in collected.sensors.notices[:40]

@@ -20,6 +20,10 @@ DRIVING_MPS: Final = 4.0
 """Faster than this, vibration is the road's and not that of a manoeuvre."""
 
 
+UNMOVED_MPS2: Final = 0.06
+"""Where the accelerometer shows less than this, a datasheet's own noise twice, no
+engine shakes the gyro: what it shows is its own."""
+
 TURNED_DEG: Final = 10.0
 """Two stops differ by the slopes of the road, 3 deg and seldom 6; not by more."""
 
@@ -173,7 +177,12 @@ class ImuLog:
             bias_change_dps=change_dps,
             noise_dps=math.degrees(
                 _median(
-                    [float(w.gyro_std_radps.max()) for s in stops for w in s.windows]
+                    [
+                        float(window.gyro_std_radps.max())
+                        for stop in stops
+                        for window in stop.windows
+                        if window.accel_std_mps2.max() < UNMOVED_MPS2
+                    ]
                 )
             ),
         )

@@ -143,12 +143,12 @@ class TrackLog:
         self.r95.add(since_s, row.r95_m)
         self.thinner.take(Point(self._track, self._segment, row))
 
-    def add_fix(self, fix: GpsFix, delay_s: float) -> None:
-        """Take a fix before the rows know it; its place is `delay_s` old."""
+    def add_fix(self, fix: GpsFix) -> None:
+        """Take a fix before the rows know it."""
         self.fixes += 1
         last, self._last_fix = self._last_fix, fix
         way_m, self._fix_way_m = self.way_m - self._fix_way_m, self.way_m
-        predicted = self._predicted(fix, delay_s)
+        predicted = self._predicted(fix)
         gap_s = math.nan
         if last is not None and last.utc_s is not None and fix.utc_s is not None:
             gap_s = fix.utc_s - last.utc_s
@@ -245,11 +245,11 @@ class TrackLog:
             outage = Outage(begin_utc_s, length_s, way_m, *place, *misses_m)
             self.outages.append(outage)
 
-    def _predicted(self, fix: GpsFix, delay_s: float) -> tuple[float, float] | None:
+    def _predicted(self, fix: GpsFix) -> tuple[float, float] | None:
         """Distance of the fix from where the rows put it, and their radius."""
         if fix.utc_s is None or not self._recent:
             return None
-        at_s = fix.utc_s - delay_s
+        at_s = fix.utc_s
         row = min(self._recent, key=lambda row: abs(row.utc_s - at_s))
         ahead_s = at_s - row.utc_s
         if abs(ahead_s) > NEAR_ROW_S:

@@ -30,7 +30,7 @@ def drive(log: TrackLog, begin_s: float, end_s: float, off_m: float = 0.0) -> No
     """Four rows a second, and a fix each second just before its row."""
     for i in range(round(begin_s * 4), round(end_s * 4)):
         if i % 4 == 0:
-            log.add_fix(fix(i / 4, off_m), 0.0)
+            log.add_fix(fix(i / 4, off_m))
         log.add_row(row(i / 4))
 
 
@@ -45,23 +45,12 @@ def test_a_fix_is_compared_with_the_row_before_it_carried_on_by_its_speed() -> N
     assert overall.inside == 1.0
 
 
-def test_a_known_delay_of_the_receiver_is_no_error() -> None:
-    log = TrackLog("a")
-    for i in range(100):
-        if i % 4 == 0:
-            log.add_fix(fix(i / 4, off_m=-SPEED_MPS * 0.5), delay_s=0.5)
-        log.add_row(row(i / 4))
-    overall = log.overall()
-    assert overall is not None
-    assert overall.miss_m == pytest.approx(0.0, abs=1e-3)
-
-
 def test_an_outage_is_told_with_its_way_and_how_far_off_it_ended() -> None:
     log = TrackLog("a")
     drive(log, 0.0, 30.0)
     for i in range(120, 280):
         log.add_row(row(i / 4, "dr", r95_m=20.0))
-    log.add_fix(fix(70.0, off_m=15.0), 0.0)
+    log.add_fix(fix(70.0, off_m=15.0))
     log.end()
     (outage,) = log.outages
     assert outage.begin_utc_s == START_S + 29.0
@@ -81,7 +70,7 @@ def test_an_outage_fits_within_radius_and_fix_together(
     drive(log, 0.0, 30.0)
     for i in range(120, 280):
         log.add_row(row(i / 4, "dr", r95_m=20.0))
-    log.add_fix(fix(70.0, off_m, sigma_m=4.0), 0.0)
+    log.add_fix(fix(70.0, off_m, sigma_m=4.0))
     assert log.outages[0].is_true is is_true
 
 
@@ -100,7 +89,7 @@ def test_a_slow_receiver_is_no_outage() -> None:
     log = TrackLog("a")
     for i in range(400):
         if i % 16 == 0:
-            log.add_fix(fix(i / 4), 0.0)
+            log.add_fix(fix(i / 4))
         log.add_row(row(i / 4))
     log.end()
     assert log.outages == []
