@@ -183,15 +183,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, help="default: 20")
     seconds = parser.parse_args().seconds
-    print("hours peers route  ready  track  page (worst)  client (worst)   load   peak")
+    print(
+        "| log | viewers and clients | route | start | track | page | client |"
+        " load of a core | memory |"
+    )
+    print(f"|{' --- |' * 9}")
     for hours, peers, route in ((1, 16, False), (24, 1, False), (24, 16, True)):
         got = measure(hours, seconds, peers, with_route=route)
-        page, client = got.row_at_page_s, got.row_at_client_s
+        late = [
+            f"{usual_s:.2f} s ({worst_s:.2f} s)"
+            for usual_s, worst_s in (got.row_at_page_s, got.row_at_client_s)
+        ]
         print(
-            f"{hours:5} {peers:5} {'yes' if route else 'no':>5} {got.ready_s:5.1f}s"
-            f" {got.history_s:5.2f}s {page[0]:5.2f}s ({page[1]:.2f}s)"
-            f" {client[0]:6.2f}s ({client[1]:.2f}s) {got.load:6.1%}"
-            f" {got.peak_mb:4.1f}MB"
+            f"| {hours} h | {peers} + {peers} | {'yes' if route else 'no'} |"
+            f" {got.ready_s:.1f} s | {got.history_s:.2f} s | {' | '.join(late)} |"
+            f" {got.load:.1%} | {got.peak_mb:.0f} MB |",
+            flush=True,
         )
 
 

@@ -20,6 +20,7 @@ from imu_tracker.commands.analysis.report import add_report
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
+from imu_tracker.commands.machine.hardware_report import add_hardware_report
 from imu_tracker.commands.machine.setup import add_setup
 from imu_tracker.commands.network.publish import add_publish
 from imu_tracker.commands.network.serve import add_serve
@@ -55,6 +56,7 @@ _COMMANDS: Final = (
     add_calibrate,
     add_selftest,
     add_setup,
+    add_hardware_report,
 )
 
 _EPILOG: Final = """\

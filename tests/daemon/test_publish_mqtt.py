@@ -1,6 +1,7 @@
 """Rows to a real Mosquitto: each once and in order, whatever happens meanwhile."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from imu_tracker.check.destinations import check_destinations
+from imu_tracker.config import load_config
 from imu_tracker.publish import worker as worker_module
 from imu_tracker.publish.senders.mqtt import WINDOW
 from imu_tracker.publish.thinning import Placed, Rules, Thinner
@@ -31,6 +34,7 @@ from support.brokers import (
     until,
 )
 from support.log_states import state
+from support.paths import REPOSITORY
 from support.published import (
     NOON_S,
     arguments,
@@ -363,6 +367,24 @@ def test_what_is_wrong_with_a_broker_is_said(tmp_path: Path) -> None:
         assert "refused: nobody listens there" in refusals(tmp_path, **other)
 
 
+def test_check_logs_in_beside_a_publisher_and_disturbs_nothing(tmp_path: Path) -> None:
+    made = certificates(tmp_path / "certificates")
+    log = tmp_path / "latlong.csv"
+    write_log(log, drive(3))
+    with mosquitto(tmp_path / "broker", *guarded(tmp_path, made)) as broker:
+        keys = {"url": f"mqtts://localhost:{broker.port}", "ca_file": made.ca}
+        keys |= {"kind": "mqtt", "credentials_file": credentials(tmp_path)}
+        chosen = arguments(log, tmp_path, "a", **keys)
+        with working(*chosen) as worker:
+            until(lambda: worker.sent_rows > 0, "it is connected")
+            (found,) = check_destinations(load_config(None, chosen[1::2]))
+            assert found.exit_code == 0
+            assert found.text.endswith("logged in, MQTT 5, TLS")
+            write_log(log, drive(99))
+            until(lambda: worker.sent_rows > 1, "it goes on")
+            assert worker.errors == 0
+
+
 def test_a_broker_that_lets_nobody_write_is_told_and_takes_nothing(
     tmp_path: Path,
 ) -> None:
@@ -372,6 +394,40 @@ def test_a_broker_that_lets_nobody_write_is_told_and_takes_nothing(
     with mosquitto(tmp_path / "broker", f"acl_file {acl}") as broker:
         said = refusals(tmp_path, url=f"mqtt://127.0.0.1:{broker.port}")
         assert "refuses a message: not authorized" in said
+
+
+def test_the_broker_of_the_fleet_page_lets_a_tracker_write_below_its_name_alone(
+    tmp_path: Path,
+) -> None:
+    text = (REPOSITORY / "docs" / "fleet.md").read_text("utf-8")
+    block = r"^`([\w./]+)`(?:(?!```).)*?:\n\n```\n(.*?)```"
+    blocks = dict(re.findall(block, text, re.MULTILINE | re.DOTALL))
+    made = certificates(tmp_path / "secrets")
+    secrets = made.ca.parent
+    guarded(secrets, made)
+    (secrets / "acl").write_text(blocks["secrets/acl"])
+    (secrets / "acl").chmod(0o600)
+    own = ("listener", "allow_anonymous", "max_queued_messages")
+    lines = [
+        each.replace("/secrets/", f"{secrets}/").replace(
+            "/mosquitto/data/", f"{tmp_path}/"
+        )
+        for each in blocks["mosquitto.conf"].splitlines()
+        if not each.startswith(own)
+    ]
+    assert len(lines) >= 7
+    log = tmp_path / "latlong.csv"
+    write_log(log, drive(3))
+    with mosquitto(tmp_path / "broker", *lines) as broker:
+        url = f"mqtts://localhost:{broker.port}"
+        keys: dict[str, object] = {"kind": "mqtt", "url": url, "ca_file": made.ca}
+        keys["credentials_file"] = credentials(tmp_path)
+        done = publish_once(*arguments(log, tmp_path, "mine", **keys))
+        assert done.returncode == 0, done.stderr
+        keys["device"] = "another"
+        done = publish_once(*arguments(log, tmp_path, "other", **keys))
+        assert done.returncode == 69
+        assert "not authorized" in done.stderr
 
 
 def test_a_broker_that_knows_only_the_older_protocol_is_spoken_to_in_it(

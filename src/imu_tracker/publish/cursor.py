@@ -19,8 +19,9 @@ from imu_tracker.storage.atomic import replace_file
 from imu_tracker.storage.latlong import LogRow
 from imu_tracker.storage.log_tail import TailPosition
 
-SAVE_NS: Final = 5_000_000_000
-"""So much is sent again after a power cut: more often would wear out a card."""
+SAVE_NS: Final = 4_000_000_000
+"""So much is sent again after a power cut, and the rows of a window; more often would
+wear out a card."""
 
 VERSION: Final = 1
 _MAX_BYTES: Final = 10_000
@@ -76,7 +77,7 @@ class Cursor:
         self._is_saved = False
 
     def save_if_due(self, now_ns: int) -> None:
-        """Save what was noted, at most once in five seconds."""
+        """Save what was noted, at most once in four seconds."""
         if self._saved_ns is None or now_ns - self._saved_ns >= SAVE_NS:
             self.save()
             self._saved_ns = now_ns

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from imu_tracker.check import advice
+from imu_tracker.check import advice, serial_ports
 from imu_tracker.report.finding import Finding, Weight
 from imu_tracker.report.measures.receiver_log import ReceiverFigures
 from imu_tracker.sensors.gnss.reader import GpsState
@@ -74,21 +74,21 @@ def _without_fix(receiver: ReceiverFigures) -> Iterator[Finding]:
     kinds = set(receiver.kinds)
     if not receiver.lines:
         state, what = GpsState.SILENT, "The GPS receiver says nothing"
-        yield _bad("gps_silent", what, "", advice.USELESS[state])
+        yield _bad("gps_silent", what, "", serial_ports.WHY_USELESS[state])
     elif not kinds:
         what = "What comes from the receiver cannot be read"
         shows = f"{receiver.lines} lines, and none that is a sentence."
-        yield _bad("gps_garbage", what, shows, advice.USELESS[GpsState.GARBAGE])
+        yield _bad(
+            "gps_garbage", what, shows, serial_ports.WHY_USELESS[GpsState.GARBAGE]
+        )
     elif not advice.has_places({kind[-3:] for kind in kinds}):
         what = "The receiver sends no position"
         shows = f"It sends {', '.join(sorted(kinds))}."
         yield _bad("gps_no_position", what, shows, advice.NO_POSITION)
     elif receiver.unread:
-        text = next(iter(receiver.unread.values()))
         what = "The receiver's sentences cannot be used"
-        yield _bad(
-            "gps_unread", what, f"The receiver sends {text}.", advice.NO_POSITION
-        )
+        shows = f"{receiver.unread}."
+        yield _bad("gps_unread", what, shows, advice.UNUSABLE)
     else:
         what = "The receiver never had a fix: look at the antenna and its cable"
         shows = f"{receiver.epochs} reports, and none with a position."

@@ -24,13 +24,13 @@ _MAX_CHARACTERS: Final = 1_000_000
 log = logging.getLogger(__name__)
 
 
-def read_status(path: Path) -> tuple[str, dict[str, Any]]:
-    """Read what the daemon wrote just now, as text and as an object.
+def read_status(path: Path, program: str = "imu-tracker") -> tuple[str, dict[str, Any]]:
+    """Read what a program wrote just now, as text and as an object.
 
     Raises
     ------
     NotRunningError
-        When there is no daemon, or it stopped writing.
+        When it does not run, or stopped writing.
     PermissionError
         When this user may not read it.
     """
@@ -40,7 +40,7 @@ def read_status(path: Path) -> tuple[str, dict[str, Any]]:
         status = json.loads(text)
         age_s = (time.monotonic_ns() - operator.index(status["t_ns"])) / 1e9
     except FileNotFoundError as error:
-        raise NotRunningError(f"imu-tracker is not running: no {path}") from error
+        raise NotRunningError(f"{program} is not running: no {path}") from error
     except PermissionError:
         raise
     except OSError as error:
@@ -49,18 +49,18 @@ def read_status(path: Path) -> tuple[str, dict[str, Any]]:
         raise NotRunningError(f"{path}: not a status of imu-tracker") from error
     if age_s < 0:  # CLOCK_MONOTONIC began anew
         raise NotRunningError(
-            f"imu-tracker is not running: {path} is of before the last start of "
+            f"{program} is not running: {path} is of before the last start of "
             "this computer"
         )
     pid = status.get("pid")
     if not _is_alive(pid):
         raise NotRunningError(
-            f"imu-tracker is not running: {path} was left by process {pid}, which was "
+            f"{program} is not running: {path} was left by process {pid}, which was "
             f"killed; it is {age_s:.0f} s old"
         )
     if age_s > STALE_S:
         raise NotRunningError(
-            f"imu-tracker hangs (process {pid}): {path} is {age_s:.0f} s old"
+            f"{program} hangs (process {pid}): {path} is {age_s:.0f} s old"
         )
     return text, status
 

@@ -236,3 +236,38 @@ def test_a_route_is_shown_beside_the_row(
     route.unlink()
     assert main([*argv, "--json"]) == 0
     assert "guide" not in json.loads(capsys.readouterr().out)
+
+
+def published(tmp_path: Path, **fields: Any) -> list[str]:
+    """Write a status of `imu-tracker publish`; return the arguments that read it."""
+    path = tmp_path / "publish.json"
+    path.write_text(
+        json.dumps({"t_ns": NOW_NS, "pid": 1, "destinations": {"home": fields}})
+    )
+    return ["--set", f"status.publish={path}"]
+
+
+def test_each_destination_of_publish_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = status(tmp_path) + published(tmp_path, unsent_rows=3, last_error="refused")
+    assert main(argv) == 0
+    assert capsys.readouterr().out.splitlines()[2:] == [
+        "publish home",
+        "  unsent rows  3",
+        "  last error   refused",
+    ]
+    assert main([*argv, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["publish"] == {"home": {"unsent_rows": 3, "last_error": "refused"}}
+
+
+def test_a_publish_that_should_run_and_does_not_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = [*status(tmp_path), "--set", f"status.publish={tmp_path / 'none'}"]
+    assert main(argv) == 0
+    assert "publish" not in capsys.readouterr().out
+    argv += ["--set", "publish.a.kind=mqtt", "--set", "publish.a.url=mqtt://b"]
+    assert main(argv) == 0
+    assert "imu-tracker publish is not running" in capsys.readouterr().out

@@ -91,7 +91,8 @@ def run_report(args: argparse.Namespace) -> int:
 
 
 def _of_recording(args: argparse.Namespace) -> "Collected":
-    from imu_tracker.recording.files import is_cut, read_recording
+    from imu_tracker.recording.files import read_recording
+    from imu_tracker.recording.layout import is_cut
     from imu_tracker.report.collect import Tracked
 
     path: Path = args.files[0]

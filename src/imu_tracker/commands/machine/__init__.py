@@ -1,6 +1,7 @@
-"""Commands about the computer that it runs on: setup.
+"""Commands about the computer that it runs on: setup, hardware-report.
 
-In: parsed arguments. Out: an exit code. Not here: what a Pi needs (`setup/`).
+In: parsed arguments. Out: an exit code. Not here: what a Pi needs (`setup/`),
+the measurements (`check/hardware`).
 """
 
-__all__ = ["setup"]
+__all__ = ["hardware_report", "setup"]

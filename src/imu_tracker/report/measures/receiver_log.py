@@ -31,7 +31,7 @@ class ReceiverFigures(NamedTuple):
     lines: int
     kinds: dict[str, int]
     counters: Counter[str]
-    unread: dict[str, str]
+    unread: str  # why sentences of a fix could not be used
     fixes: int
     epochs: int
     interval_s: float
@@ -67,7 +67,7 @@ class ReceiverLog:
         self.speeds: list[tuple[float, float]] = []
         self._reader = EpochReader()
         self._counters: Counter[str] = Counter()
-        self._unread: dict[str, str] = {}
+        self._unread = ""
         self._kinds: Counter[str] = Counter()
         self._n_lines = self._bytes = self._jumps = 0
         self._first_s = self._last_s = math.nan
@@ -153,7 +153,7 @@ class ReceiverLog:
 
     def _end_session(self) -> None:
         self._counters += self._reader.counters
-        self._unread |= self._reader.unread
+        self._unread = self._reader.unread.worst() or self._unread
         least_s = min(self._offsets_s, default=0.0)
         self._late_s += (offset_s - least_s for offset_s in self._offsets_s)
         self._offsets_s = []

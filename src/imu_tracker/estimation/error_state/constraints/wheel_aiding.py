@@ -13,6 +13,7 @@ from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import soft_gated_1d
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY
+from imu_tracker.estimation.report import WheelReport
 from imu_tracker.samples import ImuSample
 from imu_tracker.wheels.speed import LEAST_SPEED_MPS, SpeedError, WheelSpeed
 
@@ -49,7 +50,7 @@ class WheelAiding:
                 if own_mps > 0.5 * LEAST_SPEED_MPS:
                     eskf.update(forward(eskf, found, speed_mps - own_mps))
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> WheelReport:
         """What was learnt, for people."""
         wheels = self._wheels.wheels
         asked = self._wheels.asked_windows
