@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
+from imu_tracker.commands.analysis.report import add_report
 from imu_tracker.commands.analysis.smooth import add_smooth
 from imu_tracker.commands.analysis.tune import add_tune
 from imu_tracker.commands.check import add_check
@@ -54,6 +55,7 @@ _COMMANDS: Final = (
     add_simulate,
     add_plot,
     add_export,
+    add_report,
     add_characterise,
     add_calibrate,
     add_selftest,

@@ -25,6 +25,8 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import (
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
+    HELD_PLACE_VAR,
+    HELD_SPEED_VAR,
     FixGeometry,
     ReceiverModel,
     geometry_of,
@@ -45,11 +47,6 @@ from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
 """A restart soon after another one means that the attitude was wrong, too."""
-
-HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
-HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
-"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
-motion, until it has caught up."""
 
 
 class FixUpdate:
@@ -135,18 +132,13 @@ class FixUpdate:
         position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        has_say = is_aligned and not (
-            self._propagation.is_imu_silent or receiver.is_catching_up
-        )
+        has_say = is_aligned and not receiver.is_catching_up
+        has_say = has_say and not self._propagation.is_imu_silent
         noise = receiver.noise(fix, position)
         likelihoods = self._log_likelihoods(fix, ahead_s, noise) if has_say else []
-        verdict = self.comparison.weigh(
-            fix,
-            eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9),
-            noise,
-            self._bank.mixed(likelihoods) if has_say else None,
-            receiver.period_s,
-        )
+        imu = self._bank.mixed(likelihoods) if has_say else None
+        instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
+        verdict = self.comparison.weigh(fix, instant_ns, noise, imu, receiver.period_s)
         if verdict is Verdict.IMU_LOST:
             if not self._recover_heading(fix):
                 self._restart_imu(fix)
@@ -179,8 +171,7 @@ class FixUpdate:
             receiver.learn_position_noise(nis_alone)
         corrected = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
         if has_say:
-            if not self._bank.has_headings:
-                likelihoods = corrected
+            likelihoods = likelihoods if self._bank.has_headings else corrected
             self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
         self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
@@ -220,6 +211,10 @@ class FixUpdate:
             found.append(log_likelihood_of(eskf, position, velocity, noise.late_var))
         return found
 
+    @property
+    def _held(self) -> int:  # none while the heading is undecided
+        return int(not self._bank.has_headings)
+
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
     ) -> Measurement:
@@ -230,7 +225,7 @@ class FixUpdate:
             position.H[:, DELAY] = 0.0  # the place itself is the receiver's
         elif self.receiver.is_catching_up:
             position.H[:, DELAY] = 0.0
-            position = position._replace(R=position.R + HELD_PLACE_VAR)
+            position = position._replace(R=position.R + self._held * HELD_PLACE_VAR)
         return position
 
     def _velocity(
@@ -244,7 +239,7 @@ class FixUpdate:
             velocity.H[:, VELOCITY_DELAY] = 0.0  # the velocity is the receiver's
         elif self.receiver.is_catching_up:
             velocity.H[:, VELOCITY_DELAY] = 0.0
-            velocity = velocity._replace(R=velocity.R + HELD_VELOCITY_VAR)
+            velocity = velocity._replace(R=velocity.R + self._held * HELD_SPEED_VAR)
         return velocity
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
