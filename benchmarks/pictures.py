@@ -186,7 +186,7 @@ def good(path: Path) -> None:
     notes = (
         ("a wide circle at the start,\nmetres within a minute", 48, 13),
         (f"no reception for {end - start} s", (start + end) / 2, 1.25),
-        ("afterwards small again\nwithin seconds", end + 27, 12),
+        ("afterwards small again\nwithin seconds", end + 32, 12),
     )
     for text, x, y in notes:
         axes.text(x, y, text, ha="center", size=9)

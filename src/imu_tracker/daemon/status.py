@@ -15,7 +15,7 @@ from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.samples import NavState
 from imu_tracker.sources.feed import SensorHealth
-from imu_tracker.storage.latlong import HEADER, format_row
+from imu_tracker.storage.latlong import HEADER, LatLongLog, format_row
 from imu_tracker.storage.status_file import StatusFile
 
 VERSION: Final = 1
@@ -48,6 +48,7 @@ class LogStatus(TypedDict):
 
     path: str
     is_failing: bool
+    trouble: str | None  # why rows do not reach it now
 
 
 class Status(SensorHealth):
@@ -58,7 +59,7 @@ class Status(SensorHealth):
     t_ns: int  # CLOCK_MONOTONIC at writing: older than 5 s means that it hangs
     uptime_s: int  # since the start of the daemon
     source: str  # "hardware", "simulation" or "recording"
-    state: str  # "starting", "waiting for the first fix" or "tracking"
+    state: str  # "starting", "waiting for the first fix", "tracking", "not logging"
     mode: str | None  # of the last row; null before
     r95_m: float | None
     row_age_s: float | None  # since the instant of the last row; null unless hardware
@@ -67,6 +68,7 @@ class Status(SensorHealth):
     disk_free_mb: int | None  # where the log is; null when it cannot be told
     row: RowStatus | None  # the last one; null before
     prediction: PredictionStatus | None  # null before the first row
+    unread_sentences: dict[str, int]  # of the receiver, by reason
     log: LogStatus
     faults: dict[str, int]  # since the start, by kind, see `faults`
     counters: dict[str, int]  # everything that was counted since the start
@@ -87,6 +89,12 @@ def row_of(state: NavState) -> RowStatus:
     words, mode = {"time_utc": texts.pop("time_utc")}, texts.pop("mode")
     numbers = {key: float(text) if text else None for key, text in texts.items()}
     return cast("RowStatus", {**words, **numbers, "mode": mode})
+
+
+def log_of(path: Path, latlong: LatLongLog) -> LogStatus:
+    """Return how the log is."""
+    trouble = latlong.trouble or None
+    return {"path": str(path), "is_failing": latlong.is_failing, "trouble": trouble}
 
 
 def prediction_of(found: list[Prediction]) -> PredictionStatus:

@@ -22,13 +22,6 @@ class WheelReport(TypedDict):
     heard_share: float | None
 
 
-class HypothesisReport(TypedDict):
-    """Probabilities."""
-
-    imu: float
-    receiver_alone: float
-
-
 class EstimatorReport(TypedDict, total=False):
     """Of either estimator, with what the tracker and the pipeline add.
 
@@ -58,7 +51,7 @@ class EstimatorReport(TypedDict, total=False):
     fix_log_likelihood: float
     noise_level: int
     wheels: WheelReport | None
-    hypotheses: HypothesisReport
+    hypotheses: dict[str, float]  # probability of each that is alive, by its name
     still_gyro_threshold_dps: float
     still_accel_threshold_mps2: float
     utc_jumps: int

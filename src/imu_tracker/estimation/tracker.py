@@ -33,12 +33,12 @@ the IMU, and no row may come half a second late."""
 
 REST_VETO_NS: Final = 10_000_000_000
 REST_VETO_FIXES: Final = 5
-"""Fixes that agree on another place speak against rest for the longer of these: until
-the filter has learnt the speed from them, when the receiver does not tell it."""
+"""Rejected fixes that agree veto standstill for the longer of these: until the filter
+has learnt the speed from them, when the receiver sends none."""
 
 START_FACTOR: Final = 10.0
-"""At its start the filter knows its place ten times worse than the first fix says:
-that fix is then taken like any other."""
+"""The filter starts with ten times the sigma of the first fix, which then corrects it
+like any other."""
 
 UNUSABLE_OUTCOMES: Final = (
     FixOutcome.TOO_LATE,
@@ -98,7 +98,7 @@ class Tracker:
     def advance(self, t_ns: int) -> list[NavState]:
         """Let stream time pass; return the rows that became due.
 
-        Called before what arrived at `t_ns` is told, and at any time when nothing
+        Called before what arrived at `t_ns` is passed in, and at any time when nothing
         arrives: rows are the same however often it is called.
         """
         rows: list[NavState] = []
@@ -153,9 +153,8 @@ class Tracker:
     def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:
         jump_s = self._utc.add_epoch(arrival_ns, utc_s)
         if jump_s:
-            self._notify(
-                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
-            )
+            follows = self._utc.follows(jump_s)
+            self._notify(f"the receiver's time jumped by {jump_s:+.1f} s; {follows}")
 
     def _update(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; until the first row, each one starts it.
@@ -239,6 +238,7 @@ class Tracker:
             estimate.q_nb,
             estimate.r95_m + way_m,
             mode,
+            self._utc.is_sure,
         )
 
     def predict(self, after_s: Iterable[float]) -> list[Prediction]:
@@ -262,7 +262,7 @@ class Tracker:
 
     @property
     def is_standing(self) -> bool:
-        """Whether the IMU shows that the body stands, whatever the receiver says."""
+        """Whether the IMU shows standstill, whatever the receiver reports."""
         return self._standstill.is_standing
 
     @property

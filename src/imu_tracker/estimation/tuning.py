@@ -82,7 +82,7 @@ what is new with each second is a third of its sigma."""
 
 BEST_LASTING_SIGMA_M: Final = 0.5
 """Per axis under the best sky without corrections: air and orbits. No scatter shows
-it, so that no quiet receiver is trusted beyond this unless it says so itself."""
+it: the lower limit of the learnt error unless the receiver claims less."""
 
 ALTITUDE_CORRELATION_S: Final = 10.0
 """Its lasting error has no state: altitudes of so many seconds count as one."""
@@ -100,6 +100,11 @@ receiver differentiates positions; never so large that it counts for nothing."""
 VELOCITY_CORRELATION_S: Final = 4.0
 """Correlation time of the error of a Doppler velocity: geometry of the satellites, and
 the filter of the receiver."""
+
+HOLDING_S: Final = 5.0
+CATCHING_UP_S: Final = 8.0
+"""Static navigation: a receiver that repeats its place for so long holds it at rest,
+and follows a slow motion late for so long."""
 
 VELOCITY_LATE_S: Final = 1.0
 """Receivers that smooth their velocities report them late by a varying second: added to

@@ -6,10 +6,13 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
-from imu_tracker import RELEASE_DATE
 from imu_tracker.errors import RecordingError, TrackerError
 from imu_tracker.recording.format import MAGIC, parse_frame, parse_header
-from imu_tracker.sensors.gnss.calendar import ROLLOVER_WEEKS
+from imu_tracker.sensors.gnss.calendar import (
+    ROLLOVER_WEEKS,
+    release_utc_s,
+    rollovers_before,
+)
 from imu_tracker.storage.append_file import Layout
 from imu_tracker.storage.torn_lines import (
     end_of_lines,
@@ -24,7 +27,6 @@ _DATED = re.compile(
     re.MULTILINE,
 )
 
-_RELEASE = datetime.fromisoformat(RELEASE_DATE).replace(tzinfo=UTC)
 
 log = logging.getLogger(__name__)
 
@@ -51,8 +53,8 @@ def _first_utc(path: Path) -> str | None:
                     start = datetime.fromisoformat(header).astimezone(UTC)
                 else:
                     start = datetime.strptime(f"{date}{time}Z", "%d%m%y%H%M%S%z")
-                    while start < _RELEASE:
-                        start += timedelta(weeks=ROLLOVER_WEEKS)
+                    lost = rollovers_before(start.timestamp(), release_utc_s())
+                    start += timedelta(weeks=ROLLOVER_WEEKS * lost)
                 return f"{start:%Y%m%dT%H%M%SZ}"
     except (TrackerError, ValueError, OverflowError) as error:
         log.debug("%s: tells no time: %s", path, error)

@@ -6,6 +6,8 @@ rotation, deletion and restarts of the daemon. No thread, no clock: each call of
 still grows for whoever has it open, so it is read to its end before the next one.
 """
 
+import codecs
+import logging
 import math
 import os
 from collections import Counter
@@ -19,11 +21,10 @@ from imu_tracker.storage.latlong import HEADER, LogRow, format_utc, parse_row
 from imu_tracker.storage.rotated_files import RotatedFiles
 from imu_tracker.storage.torn_lines import MAX_LINE_BYTES, read_lines
 
-STEP_BACK_S: Final = 60.0
-"""A log whose UTC goes back by more begins a new file."""
-
 _BLOCK_BYTES: Final = 1 << 16
 _HEADER_LINE: Final = HEADER.encode()
+
+log = logging.getLogger(__name__)
 
 
 class TailPosition(NamedTuple):
@@ -73,7 +74,6 @@ class LogTail:
         self._inode, self._offset, self._rest = 0, 0, b""
         self._seen: set[str] | None = None  # rotated files that were read, or are older
         self._after_s = self.position.utc_s  # what was given before this reader began
-        self._has_met_it = False  # the row of that time, in a rotated file
 
     def rows(self) -> Generator[LogRow, None, None]:
         """Yield the rows that were not given yet; ends where the log ends now."""
@@ -81,7 +81,6 @@ class LogTail:
             yield from self._rotated_rows()
             if not self._open():
                 return
-            self._look_whether_the_clock_went_back()
         while True:
             yield from self._current_rows()
             if not self._is_replaced():
@@ -122,15 +121,6 @@ class LogTail:
         with suppress(ValueError):
             return bool(line) and parse_row(line[0]).utc_s == self.position.utc_s
         return False
-
-    def _look_whether_the_clock_went_back(self) -> None:
-        """Give a file whole that was begun because UTC went back by more than a minute.
-
-        What a torn tail has lost is no such thing: its row stands in no other file.
-        """
-        newest_s = newest_position(self._path).utc_s
-        if self._has_met_it and -math.inf < newest_s < self._after_s - STEP_BACK_S:
-            self._after_s = -math.inf
 
     def _open(self) -> bool:
         try:
@@ -232,14 +222,21 @@ class LogTail:
         return -math.inf
 
     def _row(self, line: bytes) -> LogRow | None:
+        line = line.removeprefix(codecs.BOM_UTF8).removesuffix(b"\r")
         if line == _HEADER_LINE:
             return None
         try:
             row = parse_row(line)
         except ValueError:
+            if not self.counters["bad_lines"]:
+                told = "%s: a damaged row is left out, and so are more like it: %r"
+                log.warning(told, self._path, line[:80])
             self.counters["bad_lines"] += 1
             return None
-        self._has_met_it |= row.utc_s == self._after_s
+        if row.utc_s == self._after_s:
+            # The row of the position: what stands behind it is new, whatever its time.
+            self._after_s = -math.inf
+            return None
         return row if row.utc_s > self._after_s else None
 
 

@@ -260,3 +260,30 @@ def test_a_file_that_begins_in_the_second_of_the_position_hides_no_row(
     found = [row.utc_s - NOON.timestamp() for row in tail.rows()]
     assert found == [1.25, 1.5, 1.75, 5.0]
     tail.close()
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_log_of_the_future_that_was_put_aside_meanwhile_hides_no_row(
+    path: Path, is_packed: bool
+) -> None:
+    path.write_text(text(5000, 5001))
+    tail = LogTail(path)
+    assert given(tail) == [5000, 5001]
+    tail.close()
+    append(path, 5002)
+    put_aside(path, 5000, is_packed=is_packed)
+    path.write_text(text(10, 11))
+    later = LogTail(path, TailPosition(tail.position.utc_s))
+    assert given(later) == [5002, 10, 11]
+    later.close()
+
+
+def test_damaged_lines_are_told_once_and_counted(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path.write_bytes(f"\ufeff{HEADER}\r\n".encode() + b"\0\0\n\0\n" + line(1).encode())
+    tail = LogTail(path)
+    assert given(tail) == [1]
+    assert tail.counters["bad_lines"] == 2
+    assert len(caplog.messages) == 1
+    tail.close()

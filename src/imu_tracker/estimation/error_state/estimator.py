@@ -255,7 +255,7 @@ class ErrorState:
             since = since._replace(warmer_k=temps[1] - temps[0])
         prior = grown(self._prior, since)
         if self._platform.is_vehicle and is_remounted(prior, level_q):
-            # Perhaps another box altogether: its biases cannot be told from the tilt.
+            # Perhaps another box: its biases cannot be separated from the tilt.
             self._notify("the box was turned since the last run; learnt anew")
             return
         for eskf in self._bank.filters:
@@ -271,7 +271,6 @@ class ErrorState:
     def report(self) -> EstimatorReport:
         """What was learnt, for people."""
         fixes, shift_s = self._fixes, self._buffer.shift_ns * 1e-9
-        imu_weight = fixes.comparison.odds.imu_weight
         report: EstimatorReport = {
             "estimator": "error-state",
             "profile": self._platform.profile,
@@ -290,10 +289,7 @@ class ErrorState:
                 "fix_log_likelihood": fixes.log_likelihood_mean,
                 "noise_level": self._bank.level,
                 "wheels": None if aiding is None else aiding.report(),
-                "hypotheses": {
-                    "imu": imu_weight,
-                    "receiver_alone": 1.0 - imu_weight,
-                },
+                "hypotheses": self._output.weights(),
             }
         )
         return report

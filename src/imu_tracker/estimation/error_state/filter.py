@@ -25,7 +25,6 @@ from imu_tracker.estimation.error_state.states import (
     ATTITUDE,
     AXLE,
     DELAY,
-    DELAYS,
     GYRO_BIAS,
     GYRO_GAIN,
     GYRO_NOISE_PSD,
@@ -142,8 +141,8 @@ class Eskf(Strapdown):
 
         Notes
         -----
-        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its
-        tilt from its bias, but knows well what they do together.
+        da_n = -[f_n x] theta - C_nb db_a: without turns tilt and bias cannot be
+        separated, but their sum is well known.
         """
         H = np.zeros((2, N_ERRORS))
         H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
@@ -171,16 +170,8 @@ class Eskf(Strapdown):
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
         self.P = T @ self.P @ T.T
 
-    def copy_state_from(self, other: "Eskf") -> None:
-        """Become another filter, but for the noise level and what it cannot know."""
-        delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self.P.diagonal(), self.noise
-        self.__dict__.update(other.clone(noise).__dict__)
-        self.set_variances(DELAYS, kept[DELAYS])
-        self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
-
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
-        """Keep the attitude, but doubt it and all that was learnt through it."""
+        """Keep the attitude, but inflate it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         tilt_var = max(_DOUBTED_TILT_RAD**2, *self.P.diagonal()[TILT])
         for where in (ACCEL_BIAS, MOUNTING, GYRO_GAIN, AXLE):

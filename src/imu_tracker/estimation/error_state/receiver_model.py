@@ -1,6 +1,6 @@
 """A fix as a measurement of the errors, and the noise of this receiver.
 
-The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty
+Easily got wrong: sixty fixes of a minute are not sixty
 independent measurements. The lasting part of a receiver's error is a state of the
 filter; the rest is white from second to second, at any rate of fixes.
 """
@@ -29,6 +29,8 @@ from imu_tracker.estimation.tuning import (
     ALTITUDE_CORRELATION_S,
     ALTITUDE_FACTOR,
     BEST_LASTING_SIGMA_M,
+    CATCHING_UP_S,
+    HOLDING_S,
     LASTING_VAR_SHARE,
     MAX_NIS_LEVEL,
     MIN_NIS_LEVEL,
@@ -53,6 +55,12 @@ TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
 
 
+HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
+HELD_SPEED_VAR: Final = 1.0**2 * np.eye(2)
+"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
+motion, until it has caught up."""
+
+
 class FixGeometry(NamedTuple):
     """The antenna against the chip, navigation axes."""
 
@@ -67,12 +75,12 @@ class ReceiverModel:
     ----------
     accel_mps2 : float or None
         Change of its velocity within the last seconds, the larger of two; None: not
-        known, or it tells no velocity.
+        known, or it sends no velocity.
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
     is_resting : bool
-        Whether the antenna stands still, by the word of the IMU.
+        Whether the IMU shows that the antenna stands still.
     """
 
     def __init__(self, period: FixPeriod) -> None:
@@ -81,6 +89,9 @@ class ReceiverModel:
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
+        self._held: tuple[float, float] | None = None  # place that is repeated
+        self._fix_ns = self._held_since_ns = 0
+        self._last_held_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
 
@@ -100,9 +111,25 @@ class ReceiverModel:
         """Velocities that count as one."""
         return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
+    @property
+    def is_catching_up(self) -> bool:
+        """Whether it holds its place, or did some seconds ago, while the body moves."""
+        if self._last_held_ns is None or self.is_resting:
+            return False
+        return self._fix_ns - self._last_held_ns < CATCHING_UP_S * 1e9
+
+    def _add_place(self, fix: GpsFix) -> None:
+        place = (fix.lat_rad, fix.lon_rad)
+        if place != self._held:
+            self._held, self._held_since_ns = place, fix.t_ns
+        elif fix.t_ns - self._held_since_ns > HOLDING_S * 1e9:
+            self._last_held_ns = fix.t_ns
+        self._fix_ns = fix.t_ns
+
     def add_fix(self, fix: GpsFix) -> None:
-        """Learn how often fixes come, and how their velocity changes."""
+        """Learn how often fixes come, and how their place and velocity change."""
         self._period.add_fix(fix)
+        self._add_place(fix)
         if fix.vel_ne_mps is None:
             self.accel_mps2 = self._vel = None
             return
@@ -126,7 +153,7 @@ class ReceiverModel:
     def noise(self, fix: GpsFix, position: Measurement) -> FixNoise:
         """Noise of a fix for a hypothesis without an IMU.
 
-        Without an IMU nothing shows that a receiver is better than it says.
+        Without an IMU a receiver is never taken to be better than it claims.
 
         Parameters
         ----------
@@ -215,7 +242,7 @@ class ReceiverModel:
         return Measurement(z, H, np.eye(1) * variance * factor)
 
     def reset_noise(self) -> None:
-        """Take the receiver at its word: what was learnt came from a wrong filter."""
+        """Return to the claimed noise: what was learnt came from a wrong filter."""
         self.nis_level, self.velocity_var = 1.0, VELOCITY_START_MPS**2
 
     def learn_position_noise(self, nis: float) -> None:
