@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
+from imu_tracker.commands.analysis.report import add_report
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
@@ -50,6 +51,7 @@ _COMMANDS: Final = (
     add_simulate,
     add_plot,
     add_export,
+    add_report,
     add_characterise,
     add_calibrate,
     add_selftest,

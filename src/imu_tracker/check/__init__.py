@@ -4,4 +4,11 @@ In: the configuration. Out: lines of a report with advice. Not here: the retry p
 the daemon.
 """
 
-__all__ = ["destinations", "hardware", "sensors"]
+__all__ = [
+    "advice",
+    "chip",
+    "destinations",
+    "hardware",
+    "sensors",
+    "serial_ports",
+]

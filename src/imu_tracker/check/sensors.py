@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.check import network_ports, serial_ports
+from imu_tracker.check import advice, network_ports, serial_ports
 from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -134,29 +134,24 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
         yield _unavailable("GPS port", f"{port}: {why}" if "://" in port else why)
         return
     if health.state is not GpsState.OK:
-        advice = network_ports.why_useless(port, health.state)
-        advice = advice or serial_ports.WHY_USELESS[health.state]
-        yield _unavailable("GPS port", f"{port}: {advice}")
+        why = network_ports.why_useless(port, health.state)
+        why = why or serial_ports.WHY_USELESS[health.state]
+        yield _unavailable("GPS port", f"{port}: {why}")
         return
     speed = "" if "://" in port else f" at {health.baud} baud"
     yield _ok("GPS port", f"{port}{speed}: {' '.join(sorted(kinds))}")
     if worst := epochs.damaged.worst():
         yield _warning("GPS port", f"{port}: {worst}")
-    if not kinds & {"RMC", "GGA", "GNS", "GLL"}:
-        yield _unavailable("GPS", "no sentence has a position: it must send RMC or GGA")
+    if not advice.has_places(kinds):
+        yield _unavailable("GPS", advice.NO_POSITION)
     elif epochs.counters["fixes_without_date"]:
-        yield _warning(
-            "GPS",
-            "a fix without a date, and so no log: make it send RMC, or set gps.date",
-        )
+        yield _warning("GPS", advice.NO_DATE)
     elif not epochs.counters["fixes"] and (worst := epochs.unread.worst()):
         yield _warning(
-            "GPS",
-            f"a fix, but it cannot be used: {worst}: set the receiver, or what "
-            "relays it, to plain NMEA 0183",
+            "GPS", f"a fix, but it cannot be used: {worst}: {advice.UNUSABLE}"
         )
     elif not epochs.counters["fixes"]:
-        yield _warning("GPS", "no fix yet: the antenna wants to see the sky")
+        yield _warning("GPS", advice.NO_FIX)
     else:
         now = "" if utc_s is None else f", at {format_utc(utc_s)}"
         yield _ok("GPS", f"a fix{now}")

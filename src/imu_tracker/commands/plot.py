@@ -4,7 +4,7 @@ import argparse
 import logging
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from imu_tracker.commands.common import (
     Subparsers,
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from imu_tracker.plots.tracks import LogColumns
 
 log = logging.getLogger(__name__)
-
-_GZIP_MAGIC: Final = b"\x1f\x8b"
-_RECORDING_MAGIC: Final = b"# imu-tracker recording"
 
 _DESCRIPTION = """\
 Draw lat/long logs: the track with its circles of error, and below it speed and r95 over
@@ -69,7 +66,9 @@ def add_plot(subparsers: Subparsers) -> None:
 def run_plot(args: argparse.Namespace) -> int:
     """Draw."""
     refuse_to_overwrite([args.output], [*args.files, args.truth])
-    if any(map(_is_recording, args.files)):
+    from imu_tracker.recording.files import is_recording
+
+    if any(map(is_recording, args.files)):
         if len(args.files) > 1 or args.truth is not None:
             raise UsageError("a recording is drawn alone, and without --truth")
         from imu_tracker.plots.recording import plot_recording
@@ -83,22 +82,6 @@ def run_plot(args: argparse.Namespace) -> int:
         plot_tracks([_log(path) for path in args.files], args.output, truth)
     log.info("%s: written", args.output)
     return 0
-
-
-def _is_recording(path: Path) -> bool:
-    """Tell by the first bytes; what cannot be read is left to the reader to say."""
-    import gzip
-    import zlib
-
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(_RECORDING_MAGIC))
-        if start.startswith(_GZIP_MAGIC):
-            with gzip.open(path) as packed:
-                start = packed.read(len(_RECORDING_MAGIC))
-    except (OSError, EOFError, zlib.error):
-        return False
-    return start == _RECORDING_MAGIC
 
 
 def _label(path: Path) -> str:

@@ -60,8 +60,8 @@ function fit() {
     south = Math.min(south, p.y); north = Math.max(north, p.y);
   }
   // Beside the legend on a wide screen, below it on a narrow one.
-  const legend = $("legend").getBoundingClientRect(), isWide = width > height;
-  const left = isWide ? legend.right : 0, right = isWide ? 56 : 0, top = isWide ? 0 : legend.bottom, edge = 50;
+  const legend = $("legend").getBoundingClientRect(), map = canvas.getBoundingClientRect(), isWide = width > height;
+  const left = isWide ? legend.right - map.left : 0, right = isWide ? 56 : 0, top = isWide ? 0 : legend.bottom - map.top, edge = 50;
   const least = MIN_SPAN_M / metresPerUnit(points[0]);
   view.k = Math.min(
     Math.max(50, width - left - right - edge) / Math.max(east - west, least),

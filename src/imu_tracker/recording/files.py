@@ -8,6 +8,7 @@ come again further down, and start a new session whose clock begins anew.
 
 import gzip
 import logging
+import zlib
 from abc import ABC, abstractmethod
 from binascii import unhexlify
 from collections import Counter
@@ -105,6 +106,19 @@ def read_recording(path: Path) -> Iterator[SessionHeader | Frame]:
         )
     if has_magic:
         log.warning("%s: the last session has lost its header; left out", path)
+
+
+def is_recording(path: Path) -> bool:
+    """Tell by the first bytes; what cannot be read is left to the reader to say."""
+    words = MAGIC.rpartition(b" ")[0]  # of any version
+    try:
+        with path.open("rb") as file:
+            is_gzip = file.read(2) == b"\x1f\x8b"
+        opener = gzip.open if is_gzip else open
+        with opener(path, "rb") as file:
+            return bool(file.read(len(words)) == words)
+    except (OSError, EOFError, zlib.error):
+        return False
 
 
 class FrameWriter(ABC):

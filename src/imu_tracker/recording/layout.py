@@ -1,5 +1,6 @@
 """What a live recording must know of its content: where it may be cut, and its date."""
 
+import io
 import logging
 import re
 from datetime import UTC, datetime, timedelta
@@ -75,3 +76,15 @@ _PACKED = Layout(partial(end_of_members, first_line=MAGIC), _is_our_format, _fir
 def layout_of(path: Path) -> Layout:
     """Return what a live recording under this name must know of its content."""
     return _PACKED if path.name.endswith(".gz") else _PLAIN
+
+
+def is_cut(path: Path) -> bool:
+    """Tell whether the end of a recording is torn, as by a power loss."""
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        if file.read(2) == b"\x1f\x8b":
+            file.seek(0)
+            return end_of_members(file, MAGIC) != size
+        file.seek(max(0, size - 1))
+        return file.read(1) != b"\n"

@@ -35,6 +35,11 @@ class Replay:
         Of the chip that was recorded.
     state : StateFile, optional
         What an earlier run learnt.
+
+    Attributes
+    ----------
+    notices : list of (float, str)
+        Transitions that were told, with the seconds since the first frame.
     """
 
     def __init__(
@@ -48,6 +53,7 @@ class Replay:
         self._now_ns: int | None = None  # of this session
         self._stopwatch = Stopwatch()
         self._sessions = 0
+        self.notices: list[tuple[float, str]] = []
         self._elapsed_s = 0.0
         self._zero_utc_s: float | None = None  # of the first frame
         self._counters: Counter[str] = Counter()  # of the sessions that are over
@@ -166,6 +172,7 @@ class Replay:
         if self._pipeline is not None:
             for notice in self._pipeline.take_notices():
                 log.info("at %.1f s: %s", self._elapsed_s, notice)
+                self.notices.append((self._elapsed_s, notice))
 
     def _unread(self) -> dict[str, int]:
         """Why sentences of the last session could not be used, and how often."""

@@ -65,7 +65,8 @@ def report_of(taken: Capture) -> Report:
         )
     rate_hz, jitter_s, missing = _timing(readings, stretches)
     still = [window for stretch in stretches for window in stretch.windows]
-    mount, comment = _mount(header.mount or DEFAULT_MOUNT, still[0].accel_mps2)
+    named = header.mount or DEFAULT_MOUNT
+    mount, comment = mount_by_gravity(named, still[0].accel_mps2)
     temp_degc = np.array([window.temp_degc for window in still])
     return Report(
         header.chip,
@@ -98,7 +99,7 @@ def _timing(readings: Readings, stretches: list[Stretch]) -> tuple[float, float,
     return 1.0 / float(interval_s), float(left.std()), missing
 
 
-def _mount(mount: Mount, accel_mps2: Array) -> tuple[Mount, str]:
+def mount_by_gravity(mount: Mount, accel_mps2: Array) -> tuple[Mount, str]:
     """Return the mount, or one that agrees with gravity where it does not."""
     axis = int(np.argmax(np.abs(accel_mps2)))
     up = f"{'+' if accel_mps2[axis] > 0 else '-'}{'xyz'[axis]}"

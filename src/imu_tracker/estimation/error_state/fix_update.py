@@ -48,6 +48,7 @@ from imu_tracker.samples import GpsFix, Vec3
 AGAIN_NS: Final = 60_000_000_000
 """A restart soon after another one means that the attitude was wrong, too."""
 
+
 class FixUpdate:
     """Corrects all filters by fixes, and learns their noise.
 
