@@ -101,6 +101,7 @@ class PublishConfig(Table):
         pattern=r"^([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?$",
         max_length=200,
     )
+    tls: bool = key(False, "true, or false for what the URL begins with")
     credentials_file: OptionalPath = key(None, 'the path of a file, or "" for none')
     ca_file: OptionalPath = key(None, 'the path of a file, or "" for the usual ones')
     cert_file: OptionalPath = key(None, 'the path of a file, or "" for none')
@@ -115,7 +116,10 @@ class PublishConfig(Table):
     @property
     def endpoint(self) -> Endpoint:
         """The URL in its parts."""
-        return endpoint_of(self.kind, self.url)
+        scheme, separator, rest = self.url.partition("://")
+        if self.tls and scheme in ("mqtt", "http"):
+            scheme += "s"
+        return endpoint_of(self.kind, f"{scheme}{separator}{rest}")
 
     @field_validator("url", mode="after")
     @classmethod
