@@ -87,6 +87,7 @@ class PublishConfig(Table):
         ..., '"mqtt", "traccar" or "influx"'
     )
     url: str = key(..., "a URL")
+    tls: bool = key(False, "true, or false for what the URL begins with")
     format: Literal["json", "owntracks", "home-assistant"] = key(
         "json", '"json", "owntracks" or "home-assistant"'
     )
@@ -101,7 +102,6 @@ class PublishConfig(Table):
         pattern=r"^([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?$",
         max_length=200,
     )
-    tls: bool = key(False, "true, or false for what the URL begins with")
     credentials_file: OptionalPath = key(None, 'the path of a file, or "" for none')
     ca_file: OptionalPath = key(None, 'the path of a file, or "" for the usual ones')
     cert_file: OptionalPath = key(None, 'the path of a file, or "" for none')
