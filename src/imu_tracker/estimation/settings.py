@@ -3,6 +3,7 @@
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.rewind import Navigator, Rewinding
@@ -26,6 +27,7 @@ class TrackerSettings(NamedTuple):
     start_radius_m: float = 50.0
     prior: LearnedParameters | None = None  # what an earlier run learnt
     uses_wheels: bool = True
+    history: History | None = None  # keeps what happens, for a smoother
 
     @property
     def assumed_latency_s(self) -> float:
@@ -43,6 +45,7 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
             *(settings.profile, settings.lever_arm_m, prior),
             uses_wheels=settings.uses_wheels,
             fix_period=fix_period,
+            history=settings.history,
         )
     # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
     from imu_tracker.estimation.six_state.estimator import SixState

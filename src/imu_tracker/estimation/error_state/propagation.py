@@ -83,10 +83,12 @@ class Propagation:
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
+        place_ne = self.frame.to_ne(lat_rad, lon_rad)
         self.frame = LocalFrame.at(lat_rad, lon_rad)
         for eskf in self._bank.filters:
             eskf.gravity_mps2 = gravity_mps2(lat_rad)
             eskf.predict(use_force=False)
+            eskf.note_loss(place_ne, sigma_m)
             t_ns, _, _, q_nb = eskf.nominal
             eskf.nominal = Nominal(t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), q_nb)
             eskf.set_variances(POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
@@ -174,6 +176,8 @@ class Propagation:
             scale = np.ones(N_ERRORS)
             scale[ATTITUDE] = np.sqrt(np.minimum(1.0, ends / P.diagonal()[ATTITUDE]))
             eskf.P = P * np.outer(scale, scale)
+            if scale.min() < 1.0:
+                eskf.note_change(np.diag(scale))
         self._alignment.check_orientation()
 
     def _move_frame(self) -> None:

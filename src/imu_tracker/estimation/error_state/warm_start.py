@@ -229,12 +229,8 @@ def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -
 
 def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
     """Make some errors known so well, and independent of all others."""
-    P = eskf.P.copy()
     for i, sigma in sigmas.items():
-        variance = min(sigma**2, P[i, i])
-        P[i, :] = P[:, i] = 0.0
-        P[i, i] = variance
-    eskf.P = P
+        eskf.set_variances(i, min(sigma**2, eskf.P[i, i]))
 
 
 def is_remounted(learnt: LearnedParameters, level_q: Quat) -> bool:
