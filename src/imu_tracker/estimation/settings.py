@@ -1,4 +1,4 @@
-"""What the configuration says to the estimation, and the estimator that it chooses."""
+"""The settings of the estimation, and the estimator that they choose."""
 
 from typing import Final, NamedTuple
 
@@ -13,7 +13,7 @@ TYPICAL_LATENCY_S: Final = 0.2
 
 
 class TrackerSettings(NamedTuple):
-    """What the configuration says to the estimation."""
+    """The part of the configuration that the estimation needs."""
 
     estimator: str = "error-state"
     profile: str = "auto"

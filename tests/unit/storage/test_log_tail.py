@@ -195,6 +195,38 @@ def test_a_log_that_begins_earlier_after_the_clock_was_set_back_is_followed(
     tail.close()
 
 
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_position_of_a_wrong_future_hides_no_row_of_the_file_after_it(
+    path: Path, is_packed: bool
+) -> None:
+    # A receiver said 2027, the rows were sent, UTC was mended and the reader restarted:
+    # everything until 2027 counted as sent.
+    path.write_text(text(90_000, 90_001))
+    tail = LogTail(path)
+    assert given(tail) == [90_000, 90_001]
+    position = tail.position
+    tail.close()
+    put_aside(path, 90_000, is_packed=is_packed)
+    path.write_text(text(0, 1))
+    again = LogTail(path, position)
+    assert given(again) == [0, 1]
+    again.close()
+
+
+def test_a_tail_that_a_power_cut_took_brings_back_no_row(path: Path) -> None:
+    path.write_text(text(*range(0, 600, 60)))
+    tail = LogTail(path)
+    assert len(given(tail)) == 10
+    position = tail.position
+    tail.close()
+    with path.open("r+") as file:
+        file.truncate(len(text(*range(0, 300, 60))))
+    append(path, 601)
+    again = LogTail(path, position)
+    assert given(again) == [601]
+    again.close()
+
+
 def test_what_is_no_row_is_counted_and_passed_over(path: Path) -> None:
     path.write_text(text(0) + "nonsense\n" + "x" * 200_000 + "\n" + line(1))
     tail = LogTail(path)

@@ -255,7 +255,7 @@ class ErrorState:
             since = since._replace(warmer_k=temps[1] - temps[0])
         prior = grown(self._prior, since)
         if self._platform.is_vehicle and is_remounted(prior, level_q):
-            # Perhaps another box altogether: its biases cannot be told from the tilt.
+            # Perhaps another box: its biases cannot be separated from the tilt.
             self._notify("the box was turned since the last run; learnt anew")
             return
         for eskf in self._bank.filters:

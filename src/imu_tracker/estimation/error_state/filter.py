@@ -141,8 +141,8 @@ class Eskf(Strapdown):
 
         Notes
         -----
-        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its
-        tilt from its bias, but knows well what they do together.
+        da_n = -[f_n x] theta - C_nb db_a: without turns tilt and bias cannot be
+        separated, but their sum is well known.
         """
         H = np.zeros((2, N_ERRORS))
         H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
@@ -171,7 +171,7 @@ class Eskf(Strapdown):
         self.P = T @ self.P @ T.T
 
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
-        """Keep the attitude, but doubt it and all that was learnt through it."""
+        """Keep the attitude, but inflate it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         tilt_var = max(_DOUBTED_TILT_RAD**2, *self.P.diagonal()[TILT])
         for where in (ACCEL_BIAS, MOUNTING, GYRO_GAIN, AXLE):

@@ -46,7 +46,7 @@ from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
-"""A filter that begins anew with a true attitude keeps its way for longer."""
+"""A restart soon after another one means that the attitude was wrong, too."""
 
 
 class FixUpdate:
@@ -56,10 +56,7 @@ class FixUpdate:
     ----------
     lever_arm_m : Vec3, body axes
         From the chip to the antenna.
-    bank : NoiseBank
-    alignment : Alignment
-    platform : Platform
-    propagation : Propagation
+    bank, alignment, platform, propagation
     notify : callable
         Takes messages for the log.
     fix_period : FixPeriod
@@ -70,11 +67,9 @@ class FixUpdate:
     comparison : Comparison
         Of the filters with the receiver alone.
     alt_origin_m : float or None
-        Height of the origin of positions, once a fix has told it.
+        Height of the origin of positions, from the first fix with one.
     ambiguity_m : float
         Radius that reaches to where refused fixes agree on; 0: none do.
-    nis_mean, log_likelihood_mean : float
-        Of the positions that were used.
     """
 
     def __init__(
@@ -87,8 +82,7 @@ class FixUpdate:
         notify: Callable[[str], None],
         fix_period: FixPeriod,
     ) -> None:
-        self._notify = notify
-        self._lever_arm_m = lever_arm_m
+        self._notify, self._lever_arm_m = notify, lever_arm_m
         self._bank, self._alignment, self._platform = bank, alignment, platform
         self._propagation = propagation
         self._gate = Gate(platform.profile)
@@ -102,12 +96,12 @@ class FixUpdate:
 
     @property
     def nis_mean(self) -> float:
-        """Mean squared innovation; 2 when all is as it says."""
+        """Mean normalised innovation squared; 2 for a consistent filter."""
         return self._nis_sum / max(self._n_used, 1)
 
     @property
     def log_likelihood_mean(self) -> float:
-        """How well fixes were foretold."""
+        """Mean log-likelihood of the positions that were used."""
         return self._log_likelihood_sum / max(self._n_used, 1)
 
     def change_profile(self) -> None:
@@ -120,7 +114,7 @@ class FixUpdate:
         receiver, eskf = self.receiver, self._bank.main
         speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
         if self._gate.is_frozen(fix, math.hypot(*speed_n)):
-            # By its own word it moves, or else by the filter's, which may be wrong.
+            # It moves by its own velocity, or by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
@@ -191,7 +185,7 @@ class FixUpdate:
         return True
 
     def _restart_imu(self, fix: GpsFix) -> None:
-        """Learn the IMU anew, beside the receiver that it contradicts."""
+        """Relearn the IMU from the start; rows follow the receiver meanwhile."""
         self._alignment.reset_orientation(
             "the IMU contradicts the receiver: GPS alone until it agrees; if that is "
             "told again and again: is the box fixed? run imu-tracker selftest; is the "
@@ -270,10 +264,10 @@ class FixUpdate:
         return likelihood
 
     def _restart(self, fix: GpsFix) -> None:
-        """Begin anew from the receiver; the attitude stays if nothing is against it.
+        """Start again at the receiver's position; keep the attitude if it may be right.
 
-        A filter that lost its way before its heading was confirmed had a wrong one, and
-        so had one that soon loses it again, unless velocities speak for it.
+        The heading was wrong if it was not confirmed yet, or if this is the second
+        restart within a minute and no velocity supports it.
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS

@@ -73,7 +73,7 @@ class Propagation:
 
     @property
     def is_imu_silent(self) -> bool:
-        """Whether the IMU has said nothing for seconds."""
+        """Whether the IMU has delivered nothing for seconds."""
         return self._silent_s > SILENT_TURN_CORRELATION_S
 
     @property
@@ -113,7 +113,7 @@ class Propagation:
         if step.is_gap:
             self._inflate_over_imu_gap(step.dt_s)
         elif step.is_saturated:
-            # A reading that was clipped may be off by as much as it says.
+            # The error of a clipped reading may be as large as the reading.
             turned_var = sum(x * x for x in step.dtheta_b_rad)
             self._inflate(turned_var, sum(x * x for x in step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
@@ -139,7 +139,7 @@ class Propagation:
         self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
 
     def _inflate_over_imu_gap(self, dt_s: float) -> None:
-        """Let the body have moved while the IMU said nothing.
+        """Grow attitude and velocity covariance over an IMU gap.
 
         Notes
         -----

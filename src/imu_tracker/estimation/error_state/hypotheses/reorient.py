@@ -27,7 +27,7 @@ from imu_tracker.estimation.error_state.states import (
     Array,
     start_covariance,
 )
-from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS
+from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS, REVERSE_MPS
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
@@ -48,8 +48,7 @@ TURNED_BOX_RAD: Final = math.radians(35.0)
 """Between course and the box's own ahead: no hand's error."""
 
 REVERSE_RAD: Final = math.radians(150.0)
-REVERSE_MPS: Final = 5.0
-"""Nobody reverses faster."""
+"""A course this far from the heading, below `REVERSE_MPS`, is a vehicle in reverse."""
 
 
 def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
