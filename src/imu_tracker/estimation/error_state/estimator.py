@@ -96,7 +96,7 @@ class ErrorState:
         *,
         hears_wheels: bool = True,
     ) -> None:
-        self._hearing = Hearing() if hears_wheels else None
+        self._hearing = Hearing(self._notify) if hears_wheels else None
         self._lever_arm_m = lever_arm_m
         self._notices: list[str] = []
         self._temp_degc: float | None = None
@@ -145,10 +145,14 @@ class ErrorState:
         rests = rest is not None and self._trail.confirms_rest(self._eskf, step)
         self._propagation.take(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if self._hearing is not None and self._carrier.is_vehicle:
+        if self._hearing is not None and self._hears:
             self._hearing.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._recall()
+
+    @property
+    def _hears(self) -> bool:
+        return self._carrier.is_vehicle and self._alignment.is_aligned
 
     def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""

@@ -32,6 +32,7 @@ from imu_tracker.estimation.error_state.states import (
     SHAKEN_S,
     TILT,
     VELOCITY_DELAY,
+    WHEEL_SCALE,
     Array,
     NoiseLevel,
     process_noise,
@@ -74,7 +75,7 @@ class Measurement(NamedTuple):
     """An innovation `z = H errors + noise(R)`."""
 
     z: Array  # shape (m,)
-    H: Array  # shape (m, 31)
+    H: Array  # shape (m, 32)
     R: Array  # shape (m, m)
 
 
@@ -110,11 +111,13 @@ class Eskf:
         What the gyro misses of a rate, M column by column: scale, and what crosses
         over.
     axle_m : float
+    wheel_scale : float
+        Wheels are larger by this share than where the scale began.
     a_n, rate_n : Vec3
         Acceleration and rate of the last stretch; zero where nothing was felt.
     receiver_var : float, m^2
         Of the receiver's lasting error, per axis.
-    P : ndarray, shape (31, 31)
+    P : ndarray, shape (32, 32)
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -131,6 +134,7 @@ class Eskf:
         self.delay_s = self.velocity_delay_s = 0.0
         self.gyro_gain: GyroGain = NO_GAIN
         self.axle_m = START_AXLE_M
+        self.wheel_scale = 0.0
         self.a_n: Vec3 = _ZERO  # mean of the last stretch
         self.rate_n: Vec3 = _ZERO
         self._mean_f_b: Vec3 = _ZERO  # force of the last second, as it was read
@@ -380,6 +384,7 @@ class Eskf:
         xx, yx, zx, xy, yy, zy, xz, yz, zz = map(add, self.gyro_gain, e[GYRO_GAIN])
         self.gyro_gain = (xx, yx, zx, xy, yy, zy, xz, yz, zz)
         self.axle_m += e[AXLE]
+        self.wheel_scale += e[WHEEL_SCALE]
 
     def C_vn(self) -> Array:
         """Matrix from navigation to vehicle axes."""
