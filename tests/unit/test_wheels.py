@@ -234,3 +234,17 @@ def test_the_windows_of_another_filter_do_not_count() -> None:
     told.wheels.forget_evidence()
     assert steady.wheels._together
     assert not told.wheels._together
+
+
+def test_windows_before_a_break_do_not_count() -> None:
+    # Before and after a crawl of 20 s; found on a car whose engine was louder uphill.
+    drive = driver(94.5)
+    drive.drive(gps_s=90.0, wrong_mps=0.5)
+    before = len(drive.wheels._together)
+    later_ns = drive.wheels._together[-1].t_ns + 20 * SECOND_NS
+    spectrum = drive.wheels.spectrum()
+    assert before > 0
+    assert spectrum is not None
+    drive.wheels.add_motion(later_ns, 15.0, 0.0)
+    assert drive.wheels.weigh(spectrum, TRUE_M, 1.0) is None
+    assert len(drive.wheels._together) == 1

@@ -28,6 +28,10 @@ LEAST_TOGETHER: Final = 3
 MOST_TOGETHER: Final = 9
 """Windows that make one measurement: as few as are clear, none beyond 18 s."""
 
+BROKEN_NS: Final = 5_000_000_000
+"""After so long without a window, in a bend or below `LEAST_SPEED_MPS`, the ones before
+are of another time: with them any later error would be explained by a drift."""
+
 CLEAR_SHARE: Final = 0.1
 """A measurement is made as soon as it leaves no more of the variance than this."""
 
@@ -122,6 +126,8 @@ class WheelSpeed:
         if wheels is None:
             return None
         t_ns, speed_mps, _ = self._motion[-1]
+        if self._together and t_ns - self._together[-1].t_ns > BROKEN_NS:
+            self.forget_evidence()
         turning = Turning(t_ns, speed_mps, circumference_m)
         self._together.append(weighed(found, wheels.strength, turning, sigma_mps))
         self.asked_windows += 1
