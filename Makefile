@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install pinned lock audit demo demo-live test lint types unit coverage acceptance fuzz system-test benchmark seeds clean
+.PHONY: help install pinned lock audit demo demo-live test lint types unit coverage acceptance fuzz system-test benchmark seeds deb deb-test dist hardware-report clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
@@ -50,6 +50,10 @@ audit: $(AUDIT)/.installed ## Ask whether anything pinned has a known vulnerabil
 	else cat $(AUDIT)/report; unknown=$$(grep -c 'not be audited' $(AUDIT)/report); \
 		[ $$unknown = 0 ] || echo "audit: $$unknown of the pins could not be looked up"; \
 		exit $$code; fi
+
+$(VENV)/.package: $(VENV)/.installed
+	@$(PIP) --editable '.[package]'
+	@touch $@
 
 $(VENV)/.benchmark: $(VENV)/.installed
 	@$(PIP) --editable '.[benchmark]'
@@ -105,7 +109,7 @@ types: install ## Check types
 	$(BIN)/mypy
 
 unit: install ## Run the tests alone
-	$(BIN)/pytest --numprocesses=auto --durations=10 --durations-min=2
+	$(BIN)/pytest --numprocesses=auto --dist=worksteal --durations=10 --durations-min=2
 
 coverage: install ## The same, and which lines they never reach; twice the time
 	$(BIN)/pytest --numprocesses=auto --cov --cov-report=term --cov-fail-under=90
@@ -125,6 +129,26 @@ benchmark: $(VENV)/.benchmark ## Measure the speed, beside others
 
 seeds: install ## Beat the figures of the thesis that it starts from, and draw them
 	$(BIN)/python -m benchmarks.seeds --pictures seeds
+
+DEBIANS := 12 13
+ARCHES := arm64 amd64
+deb: $(VENV)/.package ## Build the Debian packages into dist/ (DEBIANS=13 ARCHES=arm64: one)
+	@for debian in $(DEBIANS); do for arch in $(ARCHES); do \
+		PYTHON=$(BIN)/python packaging/build_deb.sh $$debian $$arch || exit 1; \
+	done; done
+
+deb-test: ## Try the amd64 packages of dist/ in a Debian of their own: as root
+	@for debian in $(DEBIANS); do \
+		packaging/try_deb.sh $$debian dist/imu-tracker_*+deb$${debian}_amd64.deb || exit 1; \
+	done
+
+dist: deb ## Make everything of a release in dist/: sdist, wheel, packages, checksums
+	@$(BIN)/python -m build --outdir dist >/dev/null
+	@$(BIN)/python packaging/release_notes.py >dist/RELEASE_NOTES.md
+	@cd dist && sha256sum *.tar.gz *.whl *.deb >SHA256SUMS && ls -l
+
+hardware-report: install ## On a Pi: measure bus, chip and receiver for ten minutes, to one file
+	@$(BIN)/imu-tracker hardware-report --output hardware-report.json
 
 clean: ## Remove what was made here, the environment too
 	rm -rf $(VENV) demo seeds build dist htmlcov .coverage .coverage.* .hypothesis \

@@ -15,7 +15,8 @@ from benchmarks.drives import Drive
 from benchmarks.peers import run_plain_filterpy, run_pyins
 from benchmarks.yardstick import yardstick_s
 from imu_tracker.config import load_config
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.recording.files import read_recording
 from imu_tracker.recording.replay import Replay

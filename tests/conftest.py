@@ -1,6 +1,7 @@
 """What holds for every test: nothing left open, nothing random, nothing endless."""
 
 import gc
+import logging
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
@@ -51,3 +52,11 @@ def _nothing_is_left_open() -> Iterator[None]:
         gc.collect()  # what nobody holds any more is closed, not left open
     opened = {fd: to for fd, to in _open_files().items() if fd not in files}
     assert not opened, f"file descriptors left open: {opened}"
+
+
+@pytest.fixture(autouse=True)
+def _logging_is_as_at_the_start() -> None:
+    """Undo what commands set up before: tests of messages run in any order."""
+    package = logging.getLogger("imu_tracker")
+    package.handlers, package.propagate = [], True
+    package.setLevel(logging.NOTSET)

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from benchmarks.seeds.measure import Array
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import NavState

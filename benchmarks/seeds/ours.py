@@ -19,7 +19,8 @@ from benchmarks.seeds.samples import (
     NOISE_SIGMA_RAD,
     Samples,
 )
-from imu_tracker.estimation.error_state.filter import Eskf, Measurement, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.estimation.error_state.states import N_ERRORS, NoiseLevel
 from imu_tracker.estimation.six_state.position_filter import PositionFilter
 from imu_tracker.geometry.rotation import (
@@ -59,7 +60,7 @@ def six_state(
         fn, fe, fd = rotate(from_euler(*rpy_rad), f_b)
         kf.predict(samples.h_s, (fn, fe, fd + GRAVITY_MPS2), (psd, psd, psd))
         if k in fix_at and fixes_ne_m is not None:
-            kf.measure(fixes_ne_m[k], slice(0, 2), sigma_m**2)
+            kf.update(fixes_ne_m[k], slice(0, 2), sigma_m**2)
         track.append(kf.x[:2])
     return np.array(track)
 
@@ -85,7 +86,7 @@ def error_state(
         if k in fix_at and fixes_ne_m is not None:
             eskf.predict(use_force=True)
             z = fixes_ne_m[k] - eskf.nominal.p_n[:2]
-            eskf.apply(Measurement(z, H, np.eye(2) * sigma_m**2))
+            eskf.update(Measurement(z, H, np.eye(2) * sigma_m**2))
         elif fix_at and k % _STRETCH == 0:
             eskf.predict(use_force=True)
         track.append(eskf.nominal.p_n[:2])

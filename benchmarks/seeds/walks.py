@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.seeds import report_b, samples, thesis
 from benchmarks.seeds.measure import Array, mean_distance_m
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.simulation import SCENARIOS, Scenario, simulate

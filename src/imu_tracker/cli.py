@@ -19,6 +19,10 @@ from imu_tracker import __version__
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
+from imu_tracker.commands.machine.hardware_report import add_hardware_report
+from imu_tracker.commands.machine.setup import add_setup
+from imu_tracker.commands.network.publish import add_publish
+from imu_tracker.commands.network.serve import add_serve
 from imu_tracker.commands.plot import add_plot
 from imu_tracker.commands.record import add_record
 from imu_tracker.commands.replay import add_replay
@@ -26,7 +30,6 @@ from imu_tracker.commands.run import add_run
 from imu_tracker.commands.sensor.calibrate import add_calibrate
 from imu_tracker.commands.sensor.characterise import add_characterise
 from imu_tracker.commands.sensor.selftest import add_selftest
-from imu_tracker.commands.serve import add_serve
 from imu_tracker.commands.simulate import add_simulate
 from imu_tracker.commands.status import add_status
 from imu_tracker.errors import OutputError, TrackerError
@@ -41,6 +44,7 @@ _COMMANDS: Final = (
     add_check,
     add_status,
     add_serve,
+    add_publish,
     add_record,
     add_replay,
     add_simulate,
@@ -49,6 +53,8 @@ _COMMANDS: Final = (
     add_characterise,
     add_calibrate,
     add_selftest,
+    add_setup,
+    add_hardware_report,
 )
 
 _EPILOG: Final = """\

@@ -12,17 +12,17 @@ from datetime import UTC, datetime
 from imu_tracker import RELEASE_DATE
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.estimation.error_state.warm_start import Learnt
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
-from imu_tracker.estimation.receiver.spoofing import DragWatch
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
     GpsFix,
-    Mode,
     NavState,
     SessionHeader,
     Source,
@@ -76,7 +76,8 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
-        self._axes, self._backlog, self._drag = StuckAxes(), Backlog(), DragWatch()
+        self._axes, self._backlog = StuckAxes(), Backlog()
+        self._spoofing = SpoofingMonitor()
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
@@ -87,15 +88,14 @@ class Pipeline:
         if source is Source.IMU:
             rows = self._close_epoch(t_ns)
             if self._axes.look(t_ns, data):
-                return self._noted(rows + self._tracker.advance(t_ns))
+                return rows + self._tracker.advance(t_ns)
             sample = self._decode(t_ns, data)
             if self._axes.clips(sample):
-                return self._noted(rows + self._tracker.advance(t_ns))
-            self._drag.on_imu(sample)
-            return self._noted(rows + self._tracker.on_imu(sample))
+                return rows + self._tracker.advance(t_ns)
+            return rows + self._tracker.on_imu(sample)
         rows = self.advance(t_ns)
         if source is Source.GPS:
-            self._tell(self._epochs.feed(t_ns, data))
+            self._deliver(self._epochs.feed(t_ns, data))
         return rows
 
     def advance(self, t_ns: int) -> list[NavState]:
@@ -103,13 +103,7 @@ class Pipeline:
 
         No frame of before `t_ns` may come after this.
         """
-        return self._noted(self._close_epoch(t_ns) + self._tracker.advance(t_ns))
-
-    def _noted(self, rows: list[NavState]) -> list[NavState]:
-        """Return the rows; whether the body rests is known from the last of them."""
-        if rows:
-            self._drag.rest(rows[-1].mode is Mode.STILL)
-        return rows
+        return self._close_epoch(t_ns) + self._tracker.advance(t_ns)
 
     def _close_epoch(self, t_ns: int) -> list[NavState]:
         """Complete what time alone completes, at its own instant."""
@@ -117,13 +111,14 @@ class Pipeline:
         if closes_ns is None or closes_ns > t_ns:
             return []
         rows = self._tracker.advance(closes_ns)
-        self._tell(self._epochs.advance(closes_ns))
+        self._deliver(self._epochs.advance(closes_ns))
         return rows
 
-    def _tell(self, positions: list[GpsFix | UtcTime]) -> None:
+    def _deliver(self, positions: list[GpsFix | UtcTime]) -> None:
         for position in self._backlog.relieved(positions):
             if isinstance(position, GpsFix):
-                self._drag.on_fix(position)
+                is_standing = self._tracker.is_standing
+                self._spoofing.add_fix(position, is_standing=is_standing)
                 self._tracker.on_fix(position)
             else:
                 self._tracker.on_time(position)
@@ -136,19 +131,19 @@ class Pipeline:
     def counters(self) -> Counter[str]:
         """All that was counted: sentences, fixes, samples."""
         total = self._epochs.counters + self._tracker.counters
-        for watch in (self._axes, self._backlog, self._drag):
+        for watch in (self._axes, self._backlog, self._spoofing):
             total += watch.counters
         return total
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        watches = (self._epochs, self._axes, self._backlog, self._drag)
+        watches = (self._epochs, self._axes, self._backlog, self._spoofing)
         said = [notice for watch in watches for notice in watch.take_notices()]
         return said + self._tracker.take_notices()
 
-    def learnt(self) -> Learnt | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next session can begin with; None: nothing, or not yet."""
-        return self._tracker.learnt()
+        return self._tracker.learned_parameters()
 
     def report(self) -> dict[str, object]:
         """What was learnt, for `replay --json` and `status`."""

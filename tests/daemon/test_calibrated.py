@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.storage.calibration_file import (
     Calibration,
     GyroPart,

@@ -14,13 +14,13 @@ import pytest
 
 from fake_i2c import FakeBus, FakeMpu6050
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.sensors.clock import MonotonicClock
 from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources.factory import imu_settings
 from imu_tracker.storage.latlong import HEADER, read_log
-from pty_receiver import PtyReceiver
+from support.pty_receiver import PtyReceiver
 
 DEADLINE_S = 20.0
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
+from support.fake_clock import FakeClock
 
 _WATCHED = """
 import json, os, sys
@@ -81,7 +81,7 @@ def test_files_are_for_the_group_and_nobody_else_whatever_the_umask(
 
 @pytest.mark.parametrize("path", ["status.json", "imu-tracker.prom"])
 def test_the_status_is_for_the_group_and_nobody_else(path: str, tmp_path: Path) -> None:
-    from imu_tracker.daemon.status import StatusFile
+    from imu_tracker.storage.status_file import StatusFile
 
     before = os.umask(0)
     try:

@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.recording.files import read_recording
 from imu_tracker.samples import Frame, NavState, SessionHeader, Source
 from imu_tracker.sources.live import HANGS_NS, MAX_WAITING
 from imu_tracker.storage.latlong import HEADER, LatLongLog, read_log
-from scripted_sensors import S, ScriptedSensors
-from small_disk import SmallDisk
+from support.fake_clock import FakeClock
+from support.scripted_sensors import S, ScriptedSensors
+from support.small_disk import SmallDisk
 
 FIRST_FIX_S = 8  # the simulated receiver looks for satellites
 

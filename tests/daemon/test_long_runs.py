@@ -21,14 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from endless import RATE_HZ, Edit, EndlessDrive, Silences, Where
-from fake_clock import FakeClock
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.simulation.motion.positions import Place
 from imu_tracker.storage.latlong import LoggedTrack, read_log
-from nmea_text import sentence
+from support.endless import RATE_HZ, Edit, EndlessDrive, Silences, Where
+from support.fake_clock import FakeClock
+from support.nmea_text import sentence
 
 S = 1_000_000_000
 HOUR_S = 3600.0

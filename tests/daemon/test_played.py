@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.cli import main
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.errors import ConfigError
 from imu_tracker.recording.files import RecordingWriter
@@ -19,6 +18,7 @@ from imu_tracker.simulation import simulate
 from imu_tracker.sources.feed import BATCH
 from imu_tracker.sources.played import PlayedFeed
 from imu_tracker.storage.latlong import read_log
+from support.fake_clock import FakeClock
 
 S = 1_000_000_000
 HEADER = SessionHeader(4, 500, 100)
@@ -147,9 +147,9 @@ def frames(count: int, every_ns: int) -> Iterator[SessionHeader | Frame]:
 def test_frames_are_delivered_when_they_are_due() -> None:
     clock = FakeClock()
     feed = PlayedFeed(frames(100, S), 20.0, clock)
-    assert feed.take() == ([HEADER, Frame(5 * S, Source.IMU, bytes(14))], 5 * S)
+    assert feed.read() == ([HEADER, Frame(5 * S, Source.IMU, bytes(14))], 5 * S)
     clock.advance(ms=125)
-    items, complete_ns = feed.take()
+    items, complete_ns = feed.read()
     assert [item.t_ns / S for item in items if isinstance(item, Frame)] == [6, 7]
     assert complete_ns == 7.5 * S
     assert not feed.is_over
@@ -159,7 +159,7 @@ def test_the_last_frame_ends_it() -> None:
     clock = FakeClock()
     feed = PlayedFeed(frames(10, S), 1.0, clock)
     clock.advance(s=9)
-    assert len(feed.take().items) == 11
+    assert len(feed.read().items) == 11
     assert feed.is_over
 
 
@@ -172,7 +172,7 @@ def test_a_computer_that_is_too_slow_gets_all_frames_later() -> None:
     clock = FakeClock()
     feed = PlayedFeed(frames(2500, 1000), 1.0, clock)
     clock.advance(s=60)
-    parts = list(itertools.takewhile(lambda part: part.items, iter(feed.take, None)))
+    parts = list(itertools.takewhile(lambda part: part.items, iter(feed.read, None)))
     assert [len(part.items) for part in parts] == [BATCH, BATCH, 501]
     assert {part.complete_ns for part in parts} == {None}
 
@@ -180,5 +180,5 @@ def test_a_computer_that_is_too_slow_gets_all_frames_later() -> None:
 def test_a_closed_feed_delivers_nothing_more() -> None:
     feed = PlayedFeed(frames(10, S), 1.0, FakeClock())
     feed.close()
-    assert feed.take().items == []
+    assert feed.read().items == []
     assert feed.is_over

@@ -22,13 +22,13 @@ from typing import Any
 
 import pytest
 
-from browser import CHROMIUM, browsing
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader, Positions
 from imu_tracker.sensors.gnss.network_port import GpsdPort
 from imu_tracker.sensors.gnss.port import TimedLines
-from mbtiles import BLUE_PNG, mbtiles
-from nmea_text import gga, rmc
-from served import Daemon, Served, serving
+from support.browser import CHROMIUM, browsing
+from support.mbtiles import BLUE_PNG, mbtiles
+from support.nmea_text import gga, rmc
+from support.served import Daemon, Served, serving
 
 GPSD = shutil.which("gpsd") or shutil.which("gpsd", path="/usr/sbin")
 

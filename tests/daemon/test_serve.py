@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from imu_tracker.storage.latlong import HEADER
-from served import Daemon, Served, line, serving
+from support.served import Daemon, Served, line, serving
 
 PATIENCE_S = 20.0
 

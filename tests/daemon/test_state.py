@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from fake_clock import FakeClock
 from imu_tracker.config import load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
+from support.fake_clock import FakeClock
 
 
 def play(directory: Path, *overrides: str) -> None:

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-SYSTEMD = Path(__file__).parents[2] / "systemd"
+from support.paths import REPOSITORY
+
+SYSTEMD = REPOSITORY / "systemd"
 UNIT = "imu-tracker.service"
 SERVE_UNIT = "imu-tracker-serve.service"
+PUBLISH_UNIT = "imu-tracker-publish.service"
 
 pytestmark = pytest.mark.skipif(
     shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here"
@@ -21,7 +24,7 @@ def root(tmp_path: Path) -> Path:
     """A file system with the unit installed as the README says, and its program."""
     units = tmp_path / "etc/systemd/system"
     units.mkdir(parents=True)
-    for unit in (UNIT, SERVE_UNIT):
+    for unit in (UNIT, SERVE_UNIT, PUBLISH_UNIT):
         shutil.copy(SYSTEMD / unit, units)
     program = tmp_path / "opt/imu-tracker/bin/imu-tracker"
     for path in (program, tmp_path / "bin/kill"):
@@ -51,6 +54,12 @@ def test_the_server_exposes_little_for_something_that_listens(root: Path) -> Non
     assert exposure(root, SERVE_UNIT) <= 1.2
 
 
+def test_the_publisher_exposes_little_for_something_that_calls_the_world(
+    root: Path,
+) -> None:
+    assert exposure(root, PUBLISH_UNIT) <= 1.6
+
+
 def test_with_network_it_exposes_little_more(root: Path) -> None:
     drop_ins = root / f"etc/systemd/system/{UNIT}.d"
     drop_ins.mkdir()
@@ -66,7 +75,7 @@ def test_narrowed_it_exposes_no_more(root: Path) -> None:
     assert exposure(root) <= broad
 
 
-@pytest.mark.parametrize("name", [UNIT, SERVE_UNIT])
+@pytest.mark.parametrize("name", [UNIT, SERVE_UNIT, PUBLISH_UNIT])
 def test_systemd_finds_nothing_wrong_with_the_unit(name: str, tmp_path: Path) -> None:
     # The program is nowhere on this machine: another stands for it.
     text = (SYSTEMD / name).read_text("utf-8")

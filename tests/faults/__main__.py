@@ -19,9 +19,9 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.protections:
         print("| trap | protection | where | test |\n| --- | --- | --- | --- |")
-        for trap, protection, file, *_, test in PROTECTIONS:
-            name = test.strip("[]").removeprefix("tests/")
-            print(f"| {trap} | {protection} | `{file}` | {name} |")
+        for entry in PROTECTIONS:
+            name = entry.test.strip("[]").removeprefix("tests/")
+            print(f"| {entry.trap} | {entry.protection} | `{entry.place}` | {name} |")
         return
     print("| fault | at most | " + " | ".join(ALWAYS) + " |")
     print("| --- " * (2 + len(ALWAYS)) + "|")

@@ -19,17 +19,18 @@ from faults.drives import LENGTH_S, Drive, S, Said, clock_ns, drive
 from faults.serial_line import SerialLine
 from faults.turns import TurnClock, Turner
 from imu_tracker.config import Config, load_config
-from imu_tracker.daemon import run
+from imu_tracker.daemon.run import run
 from imu_tracker.daemon.supervision import Signals
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.samples import Frame, GpsFix, NavState, Source
 from imu_tracker.sensors.gnss.reader import GpsReader
 from imu_tracker.sensors.imu.reader import ImuReader
+from imu_tracker.sensors.sensor_thread import SensorThread
 from imu_tracker.sources.factory import imu_settings
 from imu_tracker.sources.live import GpsFactory, ImuFactory
 from imu_tracker.storage.latlong import LatLongLog
-from simulated import METRES_PER_RAD
+from support.simulated import METRES_PER_RAD
 
 USED = (FixOutcome.INITIALISED, FixOutcome.ACCEPTED, FixOutcome.REACQUIRED)
 
@@ -270,11 +271,11 @@ class Bench:
             self._status = json.loads(self.status.read_text())
 
 
-class _TurningImu(ImuReader):
-    """The product's reader, on a thread that takes turns."""
+class _TakingTurns(SensorThread):
+    """A sensor's thread that takes turns with the others."""
 
     def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
+        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_capture_error)
         self._turner.start()
 
     def stop(self) -> None:
@@ -285,16 +286,9 @@ class _TurningImu(ImuReader):
         self._turner.join(timeout_s)
 
 
-class _TurningGps(GpsReader):
-    """The product's reader, on a thread that takes turns."""
+class _TurningImu(_TakingTurns, ImuReader):
+    """The product's reader of the IMU."""
 
-    def start(self) -> None:
-        self._turner = Turner(cast(TurnClock, self._clock), self._run_and_confess)
-        self._turner.start()
 
-    def stop(self) -> None:
-        super().stop()
-        self._turner.wake()
-
-    def join(self, timeout_s: float | None = None) -> None:
-        self._turner.join(timeout_s)
+class _TurningGps(_TakingTurns, GpsReader):
+    """The product's reader of the receiver."""

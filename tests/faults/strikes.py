@@ -16,7 +16,7 @@ from faults.bench import Bench
 from faults.drives import S, Said, clock_ns
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sources.live import MAX_WAITING
-from small_disk import SmallDisk
+from support.small_disk import SmallDisk
 
 # ------------------------------------------------------------------- the bus, the chip
 

@@ -4,12 +4,11 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-TESTS = Path(__file__).parent.parent
+from support.paths import TESTS
 
 
 def killed(kills: int) -> dict[str, Any]:

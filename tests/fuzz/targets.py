@@ -25,7 +25,7 @@ from typing import Final, NamedTuple, TypeVar
 from imu_tracker.commands.status import read_status
 from imu_tracker.config import load_config
 from imu_tracker.errors import ConfigError, TrackerError
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import read_recording
 from imu_tracker.recording.scoring import read_truth
@@ -44,11 +44,11 @@ from imu_tracker.serve.http_request import Refused, parse
 from imu_tracker.storage.calibration_file import read_calibration
 from imu_tracker.storage.latlong import HEADER, format_row, read_log
 from imu_tracker.storage.state_file import Sensor, read_state
-from nmea_text import gga, gll, rmc, sentence
+from support.nmea_text import gga, gll, rmc, sentence
+from support.paths import REPOSITORY
 
 T = TypeVar("T")
 
-ROOT: Final = Path(__file__).parents[2]
 SEEDS: Final = Path(__file__).parent / "seeds"
 
 MAX_MESSAGE: Final = 1000
@@ -478,7 +478,7 @@ _CONFIG_WORDS: Final = (
 
 
 _CONFIGURATIONS: Final = (
-    (ROOT / "config" / "demo.toml").read_bytes(),
+    (REPOSITORY / "config" / "demo.toml").read_bytes(),
     b'[imu]\nrate_hz = 100\nmount = ["+x", "-y", "-z"]\naddress = 0x68\n',
     b'[gps]\nbaud = 9600\nlatency_s = 0.1\nlever_arm_m = [0.1, 0, -1]\ndate = ""\n',
     b'[filter]\nestimator = "error-state"\nprofile = "auto"\nstart = "51.9,4.3"\n',

@@ -26,7 +26,7 @@ from imu_tracker.recording.scoring import read_truth
 from imu_tracker.samples import Frame, GpsFix, SessionHeader, Source
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 from imu_tracker.storage.latlong import HEADER, read_log
-from nmea_text import gga, rmc, sentence
+from support.nmea_text import gga, rmc, sentence
 
 MB = 1_000_000
 RANGES = '"accel_range_g": 4, "gyro_range_dps": 500, "imu_rate_hz": 100'

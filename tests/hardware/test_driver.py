@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import pytest
 
-from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors.clock import Clock, MonotonicClock
@@ -22,6 +21,7 @@ from imu_tracker.sensors.imu.mpu6050 import Mpu6050
 from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sensors.imu.selftest import Verdict, self_test
 from imu_tracker.sensors.imu.setup import ImuSettings
+from support.fake_clock import FakeClock
 
 BUS = os.environ.get("IMU_TRACKER_I2C_BUS")
 ADDRESS = int(os.environ.get("IMU_TRACKER_I2C_ADDRESS", "0x68"), 0)

@@ -13,9 +13,10 @@ from imu_tracker.calibration.counts import CountsModel, parse_mount
 from imu_tracker.errors import ConfigError
 from imu_tracker.estimation.estimate import r95_of
 from imu_tracker.estimation.receiver.utc import UtcClock
-from imu_tracker.estimation.six_state.constraints import no_side_slip
+from imu_tracker.estimation.settings import TrackerSettings
+from imu_tracker.estimation.six_state.constraints import non_holonomic
 from imu_tracker.estimation.six_state.estimator import SixState
-from imu_tracker.estimation.tracker import Tracker, TrackerSettings
+from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.geometry.geodesy import LocalFrame, radii_m
 from imu_tracker.geometry.rotation import (
     IDENTITY,
@@ -45,7 +46,7 @@ from imu_tracker.samples import (
 )
 from imu_tracker.simulation import simulate
 from imu_tracker.storage.latlong import format_row
-from property.strategies import (
+from support.strategies import (
     angles,
     bursts,
     int16,
@@ -186,14 +187,14 @@ def test_whatever_happens_the_filter_keeps_its_head(
         for _ in range(10):
             t_ns += 10_000_000
             scaled = (gyro[0] / 10, gyro[1] / 10, gyro[2] / 10)
-            step = sums.add(ImuSample(t_ns, accel, scaled, 20.0))
+            step = sums.add_sample(ImuSample(t_ns, accel, scaled, 20.0))
             if step is not None:
                 rest = Rest(scaled, (0.0, 0.1, -9.8), 1.0) if what == "rest" else None
                 estimator.propagate(step, rest)
-    believed = estimator.estimate()
-    assert all(map(math.isfinite, (*believed[:2], *believed.v_n_mps, *believed.q_nb)))
-    assert believed.r95_m >= 0.0
-    assert math.isfinite(believed.r95_m)
+    estimate = estimator.estimate()
+    assert all(map(math.isfinite, (*estimate[:2], *estimate.v_n_mps, *estimate.q_nb)))
+    assert estimate.r95_m >= 0.0
+    assert math.isfinite(estimate.r95_m)
     for P in (estimator._kf.P, estimator._attitude.snapshot().P):
         assert np.allclose(P, P.T, rtol=1e-6)
         assert np.linalg.eigvalsh(P).min() > -1e-7 * np.trace(P)
@@ -205,7 +206,7 @@ def test_whatever_happens_the_filter_keeps_its_head(
 def test_the_vehicle_constraint_is_always_a_measurement(
     yaw: float, v_n: Vec3, sigma: float, rate: float
 ) -> None:
-    z, H, R = no_side_slip(v_n, np.eye(3) * sigma**2, yaw, 0.1, rate)
+    z, H, R = non_holonomic(v_n, np.eye(3) * sigma**2, yaw, 0.1, rate)
     assert R[0, 0] > 0.0
     assert abs(z[0]) <= math.hypot(v_n[0], v_n[1]) + 1e-9
     assert math.isclose((H @ H.T)[0, 0], 1.0)
@@ -238,13 +239,13 @@ def test_r95_lies_between_a_line_and_a_circle(
 def test_rows_always_go_forward(epochs: list[tuple[int, int, int]]) -> None:
     # However epochs come (wait, lateness in ms, off by whole seconds), rows grow.
     clock, t_ns, period_ns = UtcClock(200_000_000), 0, 250_000_000
-    clock.observe(200_000_000, 1e9)
-    clock.show()
+    clock.add_epoch(200_000_000, 1e9)
+    clock.start_rows()
     utc_ns = clock.row_utc_ns(0)
     last_ns = clock.row_instant_ns(utc_ns)
     for wait_ms, late_ms, off_s in epochs:
         t_ns += wait_ms * 1_000_000
-        clock.observe(t_ns + late_ms * 1_000_000, 1e9 + t_ns * 1e-9 + off_s)
+        clock.add_epoch(t_ns + late_ms * 1_000_000, 1e9 + t_ns * 1e-9 + off_s)
         utc_ns += period_ns
         clock.slew(period_ns)
         row_ns = clock.row_instant_ns(utc_ns)

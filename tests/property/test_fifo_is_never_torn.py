@@ -5,12 +5,12 @@ from contextlib import suppress
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_clock import FakeClock
 from fake_i2c import FakeBus, FakeMpu6050
 from fake_i2c.frames import number_of, numbered_frames
 from imu_tracker.errors import BusError
 from imu_tracker.sensors.imu.mpu6050 import Mpu6050
 from imu_tracker.sensors.imu.setup import ImuSettings
+from support.fake_clock import FakeClock
 
 pauses_us = st.integers(0, 1_500_000) | st.integers(0, 30_000)
 nacks = st.none() | st.tuples(st.integers(0, 12), st.integers(0, 200))

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from imu_tracker.storage.latlong import LatLongLog, format_row, read_log
-from log_states import SECOND_NS, START_UTC_S, state
-from small_disk import SmallDisk
+from support.log_states import SECOND_NS, START_UTC_S, state
+from support.small_disk import SmallDisk
 
 ROW_BYTES = len(format_row(state())) + 1
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from imu_tracker.samples import Mode
 from imu_tracker.storage.latlong import HEADER, format_row
-from log_states import START_UTC_S, state
+from support.log_states import START_UTC_S, state
 
 SHAPE = re.compile(
     r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z,-?\d{1,2}\.\d{8},-?\d{1,3}\.\d{8},"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from imu_tracker.samples import GpsFix
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader, LineSplitter, Positions
 from imu_tracker.sensors.gnss.lines import MAX_LINE
-from nmea_text import gga, gll, rmc, sentence
+from support.nmea_text import gga, gll, rmc, sentence
 
 BYTE_NS = 87_000  # 115200 baud
 MESSAGES = [

@@ -19,7 +19,7 @@ from imu_tracker.recording.replay import Replay
 from imu_tracker.samples import Frame, Source
 from imu_tracker.simulation import Simulated, simulate
 from imu_tracker.storage.latlong import HEADER, format_row
-from simulated import is_between, without
+from support.simulated import is_between, without
 
 HERE = Path(__file__).parent
 CENTIMETRE_DEG: Final = 0.01 / 111_320.0

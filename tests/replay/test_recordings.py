@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, hide_gps
 from imu_tracker.recording.files import read_recording

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from support.paths import REPOSITORY
 from system.machine import BUILD, Machine
 from system.receiver import Receiver
 from system.tracker import Tracker
 
-CHECKOUT = Path(__file__).parents[2]
 CONFIGURATION = "/etc/imu-tracker/imu-tracker.toml"
 DROP_INS = "/etc/systemd/system/imu-tracker.service.d"
 GUEST_BUS = "/mnt/host/tests/system/guest/bus.py"
@@ -63,7 +63,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def readme_install() -> list[str]:
     """Return the commands that the README tells to install it with."""
-    text = (CHECKOUT / "README.md").read_text("utf-8")
+    text = (REPOSITORY / "README.md").read_text("utf-8")
     block = re.search(r"^```\n(sudo python3 -m venv .*?)^```", text, re.M | re.S)
     offline = re.search(r"`(sudo \S+/pip install --no-index [^`]*)`", text)
     assert block, "the README does not tell how to install it"
@@ -92,7 +92,7 @@ def machine(receiver: Receiver) -> Iterator[Machine]:
         directory = Path(name)
         host = directory / "host"
         for part in ("config", "systemd", "tests/fake_i2c", "tests/system/guest"):
-            shutil.copytree(CHECKOUT / part, host / part)
+            shutil.copytree(REPOSITORY / part, host / part)
         shutil.copytree(BUILD / "wheels", host / "wheels")
         machine = Machine(directory, host, receiver)
         try:

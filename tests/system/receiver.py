@@ -14,7 +14,7 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from random import Random
 
-from nmea_text import sentence
+from support.nmea_text import sentence
 
 START = datetime(2026, 12, 1, 8, 0, tzinfo=UTC)
 LAT_DEG, LON_DEG = 51.99, 4.37

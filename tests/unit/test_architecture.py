@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import imu_tracker
+from support.paths import REPOSITORY
 
 ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
@@ -89,12 +90,19 @@ def test_a_pure_room_imports_only_pure_rooms_and_arithmetic(name: str) -> None:
     for imported in imports_of(MODULES[name]):
         module = own(imported)
         if module is not None:
-            assert module == "" or is_pure(module), f"{name} imports {imported}"
+            assert module == "" or is_pure(module), (
+                f"{name} is pure and imports {imported}, which is not: take the"
+                " value as an argument, or move the line to the room that calls"
+            )
             continue
         library = imported.partition(".")[0]
-        assert library not in FORBIDDEN, f"{name} imports {imported}"
+        assert library not in FORBIDDEN, (
+            f"{name} is pure and imports {imported}: clocks, files, threads and logs"
+            " belong in sensors, storage, recording, daemon or commands"
+        )
         assert library in libraries | sys.stdlib_module_names, (
-            f"{name} imports {imported}"
+            f"{name} is pure and imports {imported}: only {sorted(libraries)} and the"
+            " standard library may be used there"
         )
 
 
@@ -103,29 +111,44 @@ def test_a_pure_room_reads_no_clock_and_opens_no_file(name: str) -> None:
     tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id not in {"open", "print", "input"}, name
+            assert node.func.id not in {"open", "print", "input"}, (
+                f"line {node.lineno} of {name} calls {node.func.id}(): files belong in"
+                " storage or recording, words for people in commands"
+            )
         if isinstance(node, ast.Attribute):
-            assert node.attr not in {"now", "utcnow", "today"}, name
+            assert node.attr not in {"now", "utcnow", "today"}, (
+                f"line {node.lineno} of {name} reads a clock: time comes with samples"
+                " and fixes, as t_ns; clocks belong in sensors/clock.py"
+            )
 
 
 @pytest.mark.parametrize("name", [n for n in MODULES if not is_in(n, TOP)])
 def test_nobody_imports_the_command_line(name: str) -> None:
     for imported in imports_of(MODULES[name]):
         module = own(imported)
-        assert module is None or not is_in(module, TOP), f"{name} imports {imported}"
+        assert module is None or not is_in(module, TOP), (
+            f"{name} imports {imported}: what both need belongs in the room that does"
+            " the work; commands only call it"
+        )
 
 
 @pytest.mark.parametrize("name", [n for n in MODULES if is_in(n, ("sensors",))])
 def test_the_sensors_know_nothing_of_estimation_or_outputs(name: str) -> None:
     for imported in imports_of(MODULES[name]):
         module = own(imported) or ""
-        assert not is_in(module, ("estimation", "storage", "pipeline", "daemon"))
+        assert not is_in(module, ("estimation", "storage", "pipeline", "daemon")), (
+            f"{name} imports {imported}: sensors deliver frames and know no reader of"
+            " them; join the two in sources or daemon"
+        )
 
 
-def test_the_server_loads_neither_sensors_nor_estimation() -> None:
+@pytest.mark.parametrize("program", ["serve.server", "publish.program"])
+def test_programs_beside_the_daemon_load_neither_sensors_nor_estimation(
+    program: str,
+) -> None:
     code = (
         "import sys\n"
-        "import imu_tracker.serve.server\n"
+        f"import imu_tracker.{program}\n"
         "rooms = ('estimation', 'sensors', 'daemon', 'pipeline', 'sources')\n"
         "print([m for m in sys.modules for room in rooms"
         " if m.startswith(f'imu_tracker.{room}')], 'numpy' in sys.modules)\n"
@@ -133,21 +156,24 @@ def test_the_server_loads_neither_sensors_nor_estimation() -> None:
     found = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert found.stdout.strip() == "[] False"
+    assert found.stdout.strip() == "[] False", (
+        f"serve loads {found.stdout}: it reads the log and the status file, and what it"
+        " needs of other rooms belongs in storage, samples or guidance"
+    )
 
 
-CLOCKS = ("estimation.tracker", "estimation.receiver.utc")
+CLOCKS = ("estimation.tracker", "estimation.rows", "estimation.receiver.utc")
 
 
 def test_estimators_know_nothing_of_the_tracker() -> None:
     for name in MODULES:
-        if not is_in(name, ("estimation",)) or name == "estimation.tracker":
+        if not is_in(name, ("estimation",)) or name in CLOCKS:
             continue
         for imported in imports_of(MODULES[name]):
-            assert own(imported) not in (
-                "estimation.tracker",
-                "estimation.receiver.utc",
-            ), name
+            assert own(imported) not in CLOCKS, (
+                f"{name} imports {imported}: order and time of events belong in"
+                " estimation/tracker.py; hand the instant in"
+            )
 
 
 DANGEROUS = {
@@ -166,22 +192,40 @@ DANGEROUS_METHODS = {
 SERVER = ("serve",)
 """The only room that listens; it has neither sensors nor estimation."""
 
+CLIENT = ("publish.senders",)
+"""The only room that makes requests of its own, by HTTP."""
+
 MAY_BIND = "sensors.gnss.network_port"  # udp://, which only receives
+
+
+MAY_START_PROGRAMS = "setup.actions"  # by lists of words, at the user's word
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_nothing_runs_a_shell_unpickles_evaluates_or_listens(name: str) -> None:
     libraries = DANGEROUS - ({"asyncio"} if is_in(name, SERVER) else set())
+    libraries -= {"http"} if is_in(name, CLIENT) else set()
+    libraries -= {"subprocess"} if name == MAY_START_PROGRAMS else set()
     methods = DANGEROUS_METHODS - ({"bind"} if name == MAY_BIND else set())
     for imported in imports_of(MODULES[name]):
-        assert imported.partition(".")[0] not in libraries, f"{name} imports {imported}"
+        assert imported.partition(".")[0] not in libraries, (
+            f"{name} imports {imported}: the product starts no programs, runs nothing"
+            " that it read, and listens in serve alone"
+        )
     for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id not in DANGEROUS_CALLS, name
+            assert node.func.id not in DANGEROUS_CALLS, (
+                f"line {node.lineno} of {name} calls {node.func.id}(): parse the text"
+            )
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            assert node.func.attr not in methods, name
+            assert node.func.attr not in methods, (
+                f"line {node.lineno} of {name} calls .{node.func.attr}(): sockets that"
+                " listen belong in serve; a method of ours needs another name"
+            )
         if isinstance(node, ast.keyword):
-            assert node.arg not in ("shell", "allow_pickle"), name
+            assert node.arg not in ("shell", "allow_pickle"), (
+                f"{name} passes {node.arg}=: no shell and no pickle anywhere"
+            )
 
 
 @pytest.mark.parametrize(
@@ -202,7 +246,9 @@ def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert "usage" in found.stdout
-    assert found.stderr.strip() == "[]"
+    assert found.stderr.strip() == "[]", (
+        f"help loads {found.stderr.strip()}: import it in the function that uses it"
+    )
 
 
 MAX_FILES = 11
@@ -212,9 +258,6 @@ MAX_LINES = 300
 LONGER = {
     "estimation.error_state.hypotheses.alignment",
     "estimation.error_state.estimator",
-    "estimation.error_state.filter",
-    "estimation.six_state.estimator",
-    "estimation.tracker",
     "recording.files",
     "storage.append_file",
     "storage.state_file",
@@ -251,6 +294,23 @@ def test_a_room_has_a_door_that_says_what_is_in_it(room: str) -> None:
     text = ast.get_docstring(ast.parse(MODULES[room].read_text(encoding="utf-8"))) or ""
     for word in ("In:", "Out:", "Not here:"):
         assert word in " ".join(text.split()), f"the docstring of {room} lacks {word!r}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_door_holds_no_code(room: str) -> None:
+    for node in ast.parse(MODULES[room].read_text(encoding="utf-8")).body:
+        match node:
+            case ast.Expr(value=ast.Constant(value=str())):
+                continue  # the docstring
+            case ast.ImportFrom(module=str() as module):
+                if module.startswith(f"{PACKAGE}.{room}."):
+                    continue  # a name that the room gives out
+            case ast.Assign(targets=[ast.Name(id="__all__")]):
+                continue
+        pytest.fail(
+            f"line {node.lineno} of {room}/__init__.py belongs in a module of that"
+            " room: a door has a docstring, __all__ and names from its own room"
+        )
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -301,6 +361,33 @@ def test_nobody_reaches_past_the_door_of_a_room(name: str) -> None:
         )
 
 
+UNIT_TESTS = REPOSITORY / "tests" / "unit"
+WHOLE = {"test_architecture", "test_fake_i2c", "test_figures", "test_pins"}
+"""Tests of the repository as a whole and of its fakes, at the top of tests/unit/."""
+
+
+def test_unit_tests_stand_where_their_modules_stand() -> None:
+    astray = []
+    for path in sorted(UNIT_TESTS.rglob("test_*.py")):
+        room = path.parent.relative_to(UNIT_TESTS).parts
+        module = path.stem.removeprefix("test_")
+        names_the_room = bool(room) and module == room[-1] and ".".join(room) in MODULES
+        names_a_module = ".".join((*room, module)) in MODULES
+        is_of_the_whole = not room and path.stem in WHOLE
+        if not (names_the_room or names_a_module or is_of_the_whole):
+            astray.append(str(path.relative_to(REPOSITORY)))
+    assert not astray, (
+        f"{astray} test no module of their rooms: move each to the folder of the room"
+        " that it tests and name it after the module, or the room; whole programs are"
+        " tested in tests/replay or tests/daemon"
+    )
+
+
+def test_helpers_of_tests_are_in_support() -> None:
+    loose = {path.name for path in UNIT_TESTS.parent.glob("*.py")} - {"conftest.py"}
+    assert not loose, f"move {sorted(loose)} from tests/ to tests/support/"
+
+
 def test_rooms_do_not_import_each_other_in_a_circle() -> None:
     arrows: dict[str, set[str]] = {}
     for name, path in MODULES.items():
@@ -314,7 +401,10 @@ def test_rooms_do_not_import_each_other_in_a_circle() -> None:
 
     def visit(room: str, way: tuple[str, ...]) -> None:
         if seen.get(room) is False:
-            raise AssertionError(f"a circle of imports: {' -> '.join((*way, room))}")
+            raise AssertionError(
+                f"a circle of imports: {' -> '.join((*way, room))}: move what the first"
+                " needs of the last into a room below both"
+            )
         if seen.get(room):
             return
         seen[room] = False

@@ -27,7 +27,9 @@ COMMANDS = ("run", "check", "status", "record", "replay", "simulate", "plot")
 
 def command_that(action: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `imu-tracker check` do something else."""
-    monkeypatch.setattr("imu_tracker.commands.check.config_of", lambda args: action())
+    monkeypatch.setattr(
+        "imu_tracker.commands.check.installed_config_of", lambda args: action()
+    )
 
 
 def raising(error: BaseException) -> Callable[[], int]:
@@ -195,7 +197,7 @@ def test_the_daemon_gets_the_configuration_and_decides_the_ending(
         seen.append(config)
         return 3
 
-    monkeypatch.setattr("imu_tracker.daemon.run", run)
+    monkeypatch.setattr("imu_tracker.daemon.run.run", run)
     assert cli.main(["run", "--set", "imu.bus=7"]) == 3
     assert seen[0].imu.bus == 7
 

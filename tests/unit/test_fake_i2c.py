@@ -9,10 +9,10 @@ from struct import unpack
 import pytest
 from smbus2 import i2c_msg
 
-from fake_clock import FakeClock
 from fake_i2c import DatasheetError, FakeBus, FakeMpu6050
 from imu_tracker.errors import DeviceNotFoundError
 from imu_tracker.sensors.imu.i2c import OpenI2CBus
+from support.fake_clock import FakeClock
 
 AT = 0x68
 

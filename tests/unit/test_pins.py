@@ -2,15 +2,15 @@
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-PINS = (ROOT / "requirements-dev.txt").read_text("utf-8")
+from support.paths import REPOSITORY
+
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text("utf-8"))["project"]
+PINS = (REPOSITORY / "requirements-dev.txt").read_text("utf-8")
 PINNED = dict(re.findall(r"^([\w.-]+)==([^\s\\]+)", PINS, re.MULTILINE))
 
 RUN_TIME = [Requirement(text) for text in PROJECT["dependencies"]]

@@ -8,15 +8,15 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from imu_tracker.estimation.tracker import TrackerSettings
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import Frame, Mode, NavState, SessionHeader, Source
 from imu_tracker.simulation import simulate
 from imu_tracker.simulation.receiver.receiver import IDEAL_RECEIVER, TYPICAL_RECEIVER
 from imu_tracker.simulation.simulator import START_NS, START_UTC_S
 from imu_tracker.storage.latlong import format_row
-from nmea_text import sentence
-from simulated import compare, run, without
+from support.nmea_text import sentence
+from support.simulated import compare, run, without
 
 SECOND_NS = 1_000_000_000
 

@@ -4,4 +4,4 @@ In: the configuration. Out: lines of a report with advice. Not here: the retry p
 the daemon.
 """
 
-__all__ = ["sensors"]
+__all__ = ["destinations", "hardware", "sensors"]

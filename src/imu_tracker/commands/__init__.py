@@ -12,7 +12,6 @@ __all__ = [
     "record",
     "replay",
     "run",
-    "serve",
     "simulate",
     "status",
 ]

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+INSTALLED: Final = Path("/etc/imu-tracker/imu-tracker.toml")
+"""The configuration of the service."""
+
 STDOUT: Final = Path("-")
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[Any]"
@@ -67,6 +70,13 @@ def config_of(args: argparse.Namespace) -> "Config":
     from imu_tracker.config import load_config
 
     return load_config(args.config, args.overrides)
+
+
+def installed_config_of(args: argparse.Namespace) -> "Config":
+    """Load the same; without `--config` that of the service, where there is one."""
+    if args.config is None and INSTALLED.exists():
+        args.config = INSTALLED
+    return config_of(args)
 
 
 def positive(text: str) -> float:

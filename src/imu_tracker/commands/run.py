@@ -31,6 +31,6 @@ def add_run(subparsers: Subparsers) -> None:
 def run_run(args: argparse.Namespace) -> int:
     """Run the daemon until it is told to end."""
     config = config_of(args)
-    from imu_tracker.daemon import run
+    from imu_tracker.daemon.run import run
 
     return run(config)

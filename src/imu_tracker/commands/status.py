@@ -57,14 +57,14 @@ def add_status(subparsers: Subparsers) -> None:
 def run_status(args: argparse.Namespace) -> int:
     """Print the status once, or each second."""
     config = config_of(args)
-    path, guide = config.status.path, _guide_of(config)
+    guide = _guide_of(config)
     if not args.watch:
-        write(_page(path, guide, is_json=args.json))
+        write(_page(config, guide, is_json=args.json))
         return 0
     clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
     try:
         while True:
-            write(clear + _page(path, guide, is_json=args.json))
+            write(clear + _page(config, guide, is_json=args.json))
             sys.stdout.flush()
             time.sleep(1)
     except KeyboardInterrupt:
@@ -96,12 +96,27 @@ def _guidance(guide: "Guide", row: dict[str, Any]) -> dict[str, Any]:
     return guide.at(row_then).summary()
 
 
-def _page(path: Path, guide: "Guide | None", *, is_json: bool) -> str:
-    text, status = read_status(path)
+def _page(config: "Config", guide: "Guide | None", *, is_json: bool) -> str:
+    text, status = read_status(config.status.path)
+    publish = _published(config)
     if guide is not None and isinstance(row := status.get("row"), dict):
         status["guide"] = _guidance(guide, row)
-        text = json.dumps(status)
-    return f"{text.strip()}\n" if is_json else "\n".join(_lines(status)) + "\n"
+    if is_json:
+        status |= {"publish": publish} if publish else {}
+        return f"{json.dumps(status) if guide or publish else text.strip()}\n"
+    status |= {f"publish {name}": found for name, found in publish.items()}
+    return "\n".join(_lines(status)) + "\n"
+
+
+def _published(config: "Config") -> dict[str, Any]:
+    """Return how each destination of `imu-tracker publish` is; empty: it has none."""
+    try:
+        _, found = status_file.read_status(config.status.publish, "imu-tracker publish")
+    except (NotRunningError, PermissionError) as error:
+        reason = f"{error}"
+        return {table.name: {"state": reason} for table in config.publish}
+    destinations = found.get("destinations")
+    return destinations if isinstance(destinations, dict) else {}
 
 
 def read_status(path: Path) -> tuple[str, dict[str, Any]]:
@@ -192,6 +207,9 @@ def _rounded(value: object) -> str:
             return f"{value:.3g}"
         case list():
             return ", ".join(map(_rounded, value))
+        case dict():
+            parts = _with_sigmas(value).items()
+            return ", ".join(f"{_words(key)} {text}" for key, text in parts)
         case _:
             return _text(value)
 

@@ -7,4 +7,13 @@ does.
 from imu_tracker.config.loading import load_config
 from imu_tracker.config.tables import Config, keys
 
-__all__ = ["Config", "keys", "load_config", "serving", "tables", "values"]
+__all__ = [
+    "Config",
+    "keys",
+    "load_config",
+    "outputs",
+    "publishing",
+    "serving",
+    "tables",
+    "values",
+]

@@ -13,6 +13,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from imu_tracker.config.publishing import PublishConfig
 from imu_tracker.config.tables import Config, keys
 from imu_tracker.errors import ConfigError, shown
 
@@ -40,7 +41,10 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         except ConfigError as error:
             problems.append(str(error))
             continue
-        if isinstance(known := tables.setdefault(table, {}), dict):
+        if table == "publish":
+            table, _, key = key.partition(".")
+            _destination(tables, table)[key] = value
+        elif isinstance(known := tables.setdefault(table, {}), dict):
             known[key] = value
     try:
         config = Config.model_validate(tables)
@@ -49,6 +53,18 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
     if problems:
         raise ConfigError("\n".join(problems))
     return config
+
+
+def _destination(tables: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return the `[[publish]]` of a name, a new one if there is none."""
+    known = tables.setdefault("publish", [])
+    if not isinstance(known, list):
+        return {}  # refused anyway
+    for table in known:
+        if isinstance(table, dict) and table.get("name") == name:
+            return table
+    known.append({"name": name})
+    return known[-1]  # type: ignore[no-any-return]
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -93,6 +109,11 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
         raise ConfigError(
             f"--set {shown(text)}: must be TABLE.KEY=VALUE, like filter.profile=vehicle"
         )
+    if table == "publish" and not all(key.partition(".")):
+        raise ConfigError(
+            f"--set {shown(text)}: must be publish.NAME.KEY=VALUE, like "
+            "publish.home.moving_s=30"
+        )
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):
@@ -102,30 +123,67 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
 
 def _describe(errors: Iterable[ErrorDetails], tables: Mapping[str, Any]) -> list[str]:
     """Turn pydantic's findings into our lines, one for each key."""
-    lines = {error["loc"][:2]: "" for error in errors}
+    lines: dict[tuple[int | str, ...], str] = {}
     for error in errors:
-        loc = error["loc"][:2]
-        lines[loc] = lines[loc] or _line(error, tables)
+        place = error["loc"][: 3 if error["loc"][:1] == ("publish",) else 2]
+        lines[place] = lines.get(place) or _line(error, tables)
     return list(lines.values())
 
 
 def _line(error: ErrorDetails, tables: Mapping[str, Any]) -> str:
+    if error["loc"][:1] == ("publish",):
+        return _line_of_destination(error, tables["publish"])
     table, key, *_ = [str(part) for part in error["loc"][:2]] + ["", ""]
-    said = str(error["ctx"]["error"]) if error["type"] == "value_error" else ""
     if not table:
-        return said
+        return _said(error)
     if table not in Config.model_fields:
         return _unknown(table, tables[table])
     if not key:
         return f"{table} = {_shown(tables[table])}: must be a table, [{table}]"
     fields = Config.model_fields[table].annotation.model_fields  # type: ignore[union-attr]
+    return _line_of_key(error, table, fields, tables.get(table, {}))
+
+
+def _line_of_destination(error: ErrorDetails, tables: Any) -> str:
+    """Name a destination by its name, or by its place where it has none."""
+    _, *place = error["loc"]
+    if not place:
+        return f"publish = {_shown(tables)}: must be tables, [[publish]]"
+    number = int(place[0])
+    table = tables[number]
+    if not isinstance(table, dict):
+        return f"publish = {_shown(table)}: must be a table, [[publish]]"
+    name = table.get("name")
+    label = name if isinstance(name, str) and name.isidentifier() else number + 1
+    where = f"publish.{label}"
+    if not place[1:]:
+        return f"{where}: {_said(error)}"
+    return _line_of_key(error, where, PublishConfig.model_fields, table, place[1:])
+
+
+def _line_of_key(
+    error: ErrorDetails,
+    table: str,
+    fields: Mapping[str, Any],
+    values: Mapping[str, Any],
+    place: Sequence[int | str] | None = None,
+) -> str:
+    key = str((error["loc"][1:] if place is None else place)[0])
     if key not in fields:
         return f"{table}.{shown(key)}: no such key{_hint(key, fields)}"
-    value = tables.get(table, {}).get(key, "")
-    where = f"{table}.{key} = {_shown(value, is_hex=key == 'address')}"
+    if error["type"] == "missing" and key not in values:
+        return f"{table}.{key}: is missing; must be {fields[key].description}"
+    said = _said(error)
+    where = f"{table}.{key} = {_shown(values.get(key, ''), is_hex=key == 'address')}"
+    if "password" in said:  # what is refused for holding one is not repeated
+        where = f"{table}.{key}"
     # What we say ourselves begins with "must"; float() and the like know less.
     ours = said if said.startswith("must") else f"must be {fields[key].description}"
     return f"{where}: {ours}"
+
+
+def _said(error: ErrorDetails) -> str:
+    return str(error["ctx"]["error"]) if error["type"] == "value_error" else ""
 
 
 def _unknown(name: str, value: Any) -> str:

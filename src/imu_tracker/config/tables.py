@@ -12,15 +12,21 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import field_validator, model_validator
+from pydantic import BeforeValidator, field_validator, model_validator
 
+from imu_tracker.config.outputs import (
+    LogConfig,
+    RecordConfig,
+    StateConfig,
+    StatusConfig,
+)
+from imu_tracker.config.publishing import PublishConfig, refuse_doubles
 from imu_tracker.config.serving import GuideConfig, ServeConfig
 from imu_tracker.config.table import Table, key
 from imu_tracker.config.values import (
     Bandwidth,
     Baud,
     Exact,
-    FilePath,
     IsoDate,
     IsoInstant,
     Latency,
@@ -29,14 +35,14 @@ from imu_tracker.config.values import (
     OptionalPath,
     Position,
     Scenario,
+    as_tuple,
 )
 from imu_tracker.samples import DEFAULT_MOUNT, SessionHeader
 
 if TYPE_CHECKING:
-    from imu_tracker.estimation.tracker import TrackerSettings
+    from imu_tracker.estimation.settings import TrackerSettings
 
 CALIBRATION: Final = Path("/var/lib/imu-tracker/calibration.json")
-STATE: Final = Path("/var/lib/imu-tracker/state.json")
 
 GYRO_RATE_HZ: Final = 1000
 """What the chip divides by a whole number, with its low-pass filter on."""
@@ -172,44 +178,6 @@ class FilterConfig(Table):
     start_radius_m: float = key(50.0, "from 0.1 to 1000000 m", ge=0.1, le=1e6)
 
 
-class LogConfig(Table):
-    """`[log]`: the lat/long log, the product of the program."""
-
-    path: FilePath = key(Path("/var/log/imu-tracker/latlong.csv"), "the path of a file")
-    rate_hz: Annotated[Literal[1, 2, 4, 5, 8, 10], Exact] = key(
-        4, "1, 2, 4, 5, 8 or 10"
-    )
-    sync_s: float = key(5.0, "from 0 to 3600 s", ge=0, le=3600)
-    max_mb: float = key(16.0, "from 0.01 to 4096 MB", ge=0.01, le=4096)
-    min_free_mb: float = key(500.0, "from 0 to 1000000 MB", ge=0, le=1e6)
-
-
-class RecordConfig(Table):
-    """`[record]`: raw capture beside the tracking."""
-
-    path: OptionalPath = key(None, 'the path of a recording, or "" for none')
-
-
-class StatusConfig(Table):
-    """`[status]`: the files that `imu-tracker status` and monitors read."""
-
-    path: FilePath = key(Path("/run/imu-tracker/status.json"), "the path of a file")
-    prometheus: OptionalPath = key(None, 'a path that ends in .prom, or "" for none')
-
-    @field_validator("prometheus", mode="after")
-    @classmethod
-    def _the_collector_reads_only_its_own(cls, path: Path | None) -> Path | None:
-        if path is not None and path.suffix != ".prom":
-            raise ValueError
-        return path
-
-
-class StateConfig(Table):
-    """`[state]`: what was learnt, for the next start."""
-
-    path: OptionalPath = key(STATE, 'the path of a file, or "" for none')
-
-
 class Config(Table):
     """The whole file."""
 
@@ -223,10 +191,22 @@ class Config(Table):
     state: StateConfig = StateConfig()
     serve: ServeConfig = ServeConfig()
     guide: GuideConfig = GuideConfig()
+    publish: Annotated[tuple[PublishConfig, ...], BeforeValidator(as_tuple)] = ()
+
+    @model_validator(mode="after")
+    def _destinations_have_names_of_their_own(self) -> "Config":
+        refuse_doubles(self.publish)
+        return self
 
     @model_validator(mode="after")
     def _outputs_differ(self) -> "Config":
-        outputs = {"log.path": self.log.path, "status.path": self.status.path}
+        outputs = {
+            "log.path": self.log.path,
+            "status.path": self.status.path,
+            "status.publish": self.status.publish,
+        }
+        if self.status.publish_prometheus is not None:
+            outputs["status.publish_prometheus"] = self.status.publish_prometheus
         if self.record.path is not None:
             outputs["record.path"] = self.record.path
         if self.status.prometheus is not None:
@@ -248,7 +228,7 @@ class Config(Table):
         A header's mount and profile hold unless others are written here; its absence
         is a live session.
         """
-        from imu_tracker.estimation.tracker import TrackerSettings
+        from imu_tracker.estimation.settings import TrackerSettings
 
         mount, profile = self.imu.mount, str(self.filter.profile)
         if header is not None and "mount" not in self.imu.model_fields_set:
@@ -266,7 +246,7 @@ class Config(Table):
             gps_date=self.gps.date,
             start=(lat_lon[0], lat_lon[1]) if lat_lon else None,
             start_radius_m=self.filter.start_radius_m,
-            hears_wheels=self.filter.wheels == "auto",
+            uses_wheels=self.filter.wheels == "auto",
         )
 
     @property

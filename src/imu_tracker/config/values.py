@@ -50,7 +50,8 @@ def _in_reach(day: DateT) -> DateT:
     return day
 
 
-def _tuple(value: object) -> object:
+def as_tuple(value: object) -> object:
+    """Let a list of TOML be a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -84,9 +85,9 @@ OptionalPath = Annotated[Path | None, BeforeValidator(_path)]
 IsoDate = Annotated[str, BeforeValidator(_date)]
 IsoInstant = Annotated[str, BeforeValidator(_instant)]
 Position = Annotated[str, AfterValidator(_position)]
-MountAxes = Annotated[Mount, BeforeValidator(_tuple), AfterValidator(_right_handed)]
+MountAxes = Annotated[Mount, BeforeValidator(as_tuple), AfterValidator(_right_handed)]
 Offset = Annotated[float, Field(ge=-100, le=100)]
-LeverArm = Annotated[tuple[Offset, Offset, Offset], BeforeValidator(_tuple)]
+LeverArm = Annotated[tuple[Offset, Offset, Offset], BeforeValidator(as_tuple)]
 
 Bandwidth = Literal[260, 256, 188, 184, 98, 94, 44, 42, 21, 20, 10, 5]
 Latency = Annotated[float, Field(ge=0, le=2)] | Literal["auto"]

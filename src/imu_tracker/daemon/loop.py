@@ -82,10 +82,10 @@ class Loop:
         self._row: NavState | None = None
         self._late_rows = 0
         self._past: Counter[str] = Counter()  # of the sessions that are over
-        self._hang = ""
+        self._stalled = ""
         self._start_ns = self._second_ns = clock.now_ns()
         self._health_ns = self._start_ns + HEALTH_NS
-        self._told: Counter[str] = Counter()  # by the last line about the health
+        self._logged: Counter[str] = Counter()  # by the last line about the health
         self._used_fixes, self._fix_ns = 0, self._start_ns
 
     def run(self) -> None:
@@ -101,7 +101,7 @@ class Loop:
             self._feed.close()
             for file in self._statuses:
                 file.remove()
-        while self._take():
+        while self._read_feed():
             pass
         if self._pipeline is not None:
             self._state.save(self._pipeline, self._chip)
@@ -115,7 +115,7 @@ class Loop:
             self._latlong.reopen()
             if self._recorder is not None:
                 self._recorder.reopen()
-        self._take()
+        self._read_feed()
         now_ns = self._clock.now_ns()
         self._latlong.tick(now_ns)
         if self._recorder is not None:
@@ -127,13 +127,13 @@ class Loop:
                 self._state.tick(now_ns, self._pipeline, self._chip)
         if now_ns >= self._health_ns:
             self._health_ns = now_ns + HEALTH_NS
-            self._tell_health()
+            self._log_health()
 
     # ------------------------------------------------------------- frames to rows
 
-    def _take(self) -> bool:
+    def _read_feed(self) -> bool:
         """Take what arrived; return whether anything did."""
-        items, complete_ns = self._feed.take()
+        items, complete_ns = self._feed.read()
         for item in items:
             if isinstance(item, SessionHeader):
                 self._begin(item)
@@ -149,7 +149,7 @@ class Loop:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._past += self._pipeline.counters
-            self._state.remember(self._pipeline, self._chip)
+            self._state.set_learned(self._pipeline, self._chip)
         if self._recorder is not None:
             self._recorder.write_header(header)
         settings = self._config.tracker_settings(header)
@@ -176,7 +176,7 @@ class Loop:
         if self._recorder is not None:
             self._recorder.write(frame)
         if frame.source is Source.EVENT:
-            self._tell_event(frame.data.decode("ascii", "replace"))
+            self._log_event(frame.data.decode("ascii", "replace"))
         if rows := self._pipeline.feed(frame):
             self._write(rows)
 
@@ -188,7 +188,7 @@ class Loop:
             late_ns = self._clock.now_ns() - LATE_NS
             self._late_rows += sum(row.t_ns < late_ns for row in rows)
 
-    def _tell_event(self, text: str) -> None:
+    def _log_event(self, text: str) -> None:
         word, _, rest = text.partition(" ")
         is_bad = word.endswith(_BAD_ENDS)
         level = logging.WARNING if is_bad else logging.INFO
@@ -198,12 +198,12 @@ class Loop:
 
     def _each_second(self, now_ns: int) -> None:
         """Report to systemd and the status file."""
-        hang = self._feed.hang()
-        if not hang:
+        stalled = self._feed.stalled_source()
+        if not stalled:
             self._notify("WATCHDOG=1")
-        elif hang != self._hang:
-            log.error("%s: the watchdog is not fed", hang)
-        self._hang = hang
+        elif stalled != self._stalled:
+            log.error("%s: the watchdog is not fed", stalled)
+        self._stalled = stalled
         counters = self._counters()
         used_fixes = sum(counters[name] for name in _USED)
         if used_fixes != self._used_fixes:
@@ -213,11 +213,11 @@ class Loop:
         for file in self._statuses:
             file.write(status)
 
-    def _tell_health(self) -> None:
+    def _log_health(self) -> None:
         counters = self._counters()
         news = Counter(counters)
-        news.subtract(self._told)
-        self._told = counters
+        news.subtract(self._logged)
+        self._logged = counters
         counted = ", ".join(f"{name} {n}" for name, n in sorted(news.items()) if n)
         log.info("%s; in the last minute: %s", self._summary(), counted or "nothing")
 

@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from imu_tracker import __version__
 from imu_tracker.samples import Mode
-
-PREFIX: Final = "imu_tracker_"
+from imu_tracker.storage.metrics import metric
 
 STATES: Final = ("starting", "waiting for the first fix", "tracking")
 
@@ -33,24 +32,24 @@ def exposition(status: Mapping[str, Any]) -> str:
 
 def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     info = {"version": __version__, "source": status["source"]}
-    yield from _metric("info", "gauge", "What runs.", [(info, 1)])
+    yield from metric("info", "gauge", "What runs.", [(info, 1)])
     for name, key, scale, text in _GAUGES:
         if status[key] is not None:
-            yield from _metric(name, "gauge", text, [({}, status[key] * scale)])
-    yield from _metric(
+            yield from metric(name, "gauge", text, [({}, status[key] * scale)])
+    yield from metric(
         "state",
         "gauge",
         "1 for what the daemon is doing.",
         [({"state": state}, int(status["state"] == state)) for state in STATES],
     )
-    yield from _metric(
+    yield from metric(
         "mode",
         "gauge",
         "1 for the mode of the last row.",
         [({"mode": mode}, int(status["mode"] == mode)) for mode in Mode],
     )
     failing = int(status["log"]["is_failing"])
-    yield from _metric(
+    yield from metric(
         "log_failing", "gauge", "1 while rows wait in memory.", [({}, failing)]
     )
     for name, key, label, text in (
@@ -58,18 +57,4 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
         ("counted_total", "counters", "counter", "Everything counted since the start."),
     ):
         samples = [({label: each}, n) for each, n in status[key].items()]
-        yield from _metric(name, "counter", text, samples)
-
-
-def _metric(
-    name: str, kind: str, text: str, samples: list[tuple[dict[str, str], float]]
-) -> Iterator[str]:
-    yield f"# HELP {PREFIX}{name} {text}"
-    yield f"# TYPE {PREFIX}{name} {kind}"
-    for labels, value in samples:
-        pairs = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
-        yield f"{PREFIX}{name}{f'{{{pairs}}}' if pairs else ''} {value}"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
+        yield from metric(name, "counter", text, samples)

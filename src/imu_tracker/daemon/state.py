@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from imu_tracker.errors import OutputError, StateError
-from imu_tracker.estimation.error_state.warm_start import Learnt
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.sensors.clock import SECOND_NS
 from imu_tracker.storage.state_file import Sensor, StateFile
@@ -41,7 +41,7 @@ class KeptState:
         self._is_failing = False
         self.counters: Counter[str] = Counter()
 
-    def begin(self, sensor: Sensor) -> Learnt | None:
+    def begin(self, sensor: Sensor) -> LearnedParameters | None:
         """Return what a session begins with."""
         if self._file is None:
             return None
@@ -59,10 +59,10 @@ class KeptState:
             log.info("%s: begins with what was learnt %s", self._path, at or "before")
         return learnt
 
-    def remember(self, pipeline: Pipeline, chip: str) -> None:
+    def set_learned(self, pipeline: Pipeline, chip: str) -> None:
         """Hear what a session has learnt by now."""
         if self._file is not None:
-            self._file.remember(pipeline.learnt(), chip)
+            self._file.set_learned(pipeline.learned_parameters(), chip)
 
     def tick(self, now_ns: int, pipeline: Pipeline, chip: str) -> None:
         """Save from time to time."""
@@ -74,7 +74,7 @@ class KeptState:
         """Save now; a disk that refuses is told once, and counted."""
         if self._file is None:
             return
-        self.remember(pipeline, chip)
+        self.set_learned(pipeline, chip)
         try:
             is_saved = self._file.write()
         except (OutputError, StateError) as error:

@@ -25,77 +25,17 @@ Version 1 of the object::
 A key may come without a new version; one that goes or changes its meaning brings it.
 """
 
-import json
-import logging
-import math
 import os
-from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from imu_tracker.config.tables import StatusConfig
+from imu_tracker.config.outputs import StatusConfig
 from imu_tracker.daemon.prometheus import exposition
 from imu_tracker.samples import NavState
-from imu_tracker.storage.append_file import make_directories
 from imu_tracker.storage.latlong import HEADER, format_row
+from imu_tracker.storage.status_file import StatusFile
 
 VERSION: Final = 1
-
-_MODE: Final = 0o640
-
-log = logging.getLogger(__name__)
-
-
-def as_json(status: Mapping[str, Any]) -> str:
-    """Return the object as a line."""
-    return f"{json.dumps(_plain(status), allow_nan=False)}\n"
-
-
-class StatusFile:
-    """A file that tells the status; one that cannot be written is no fault.
-
-    Parameters
-    ----------
-    path : Path
-        Replaced as a whole each time, and removed at the end.
-    render : callable
-        What stands in it.
-    """
-
-    def __init__(
-        self, path: Path, render: Callable[[Mapping[str, Any]], str] = as_json
-    ) -> None:
-        self._path, self._render = path, render
-        self._new = path.with_name(f".{path.name}.new")
-        self._is_failing = False
-
-    def write(self, status: Mapping[str, Any]) -> None:
-        """Replace what stands there."""
-        text = self._render(status)
-        try:
-            make_directories(self._path.parent)
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
-            with os.fdopen(
-                os.open(self._new, flags, _MODE), "w", encoding="utf-8"
-            ) as file:
-                file.write(text)
-            self._new.replace(self._path)
-        except OSError as error:
-            if not self._is_failing:
-                reason = error.strerror or error
-                log.warning(
-                    "%s: no status is written: %s; see [status]", self._path, reason
-                )
-            self._is_failing = True
-        else:
-            self._is_failing = False
-
-    def remove(self) -> None:
-        """Leave nothing behind that looks like a daemon."""
-        for path in (self._path, self._new):
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
 
 
 def status_files(config: StatusConfig) -> list[StatusFile]:
@@ -124,16 +64,3 @@ def disk_free_mb(path: Path) -> int | None:
     except OSError:
         return None
     return disk.f_bavail * disk.f_frsize // 1_000_000
-
-
-def _plain(value: Any) -> Any:
-    """Put null where JSON has no number."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case Mapping():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case _:
-            return value

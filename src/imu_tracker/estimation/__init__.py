@@ -1,10 +1,10 @@
 """Steps and fixes in, position with a radius out. Pure.
 
 In: `ImuSample`, `GpsFix`. Out: `NavState` at the output rate, `Prediction`. `Tracker`
-owns time, the order of events and the choice of estimator. r95 comes from
+owns time and the order of events, `settings` the choice of estimator. r95 comes from
 `estimate.r95_of` for one covariance, and from `error_state/hypotheses/mixture` for
 several hypotheses. A late fix is handled by `error_state/fixed_lag`, or by `rewind` for
 six-state. Not here: decoding, files, clocks.
 """
 
-__all__ = ["estimate", "prediction", "tracker"]
+__all__ = ["estimate", "prediction", "settings", "tracker", "tuning"]

@@ -48,7 +48,7 @@ class Estimator(Protocol):
         """
 
     def estimate(self) -> Estimate:
-        """What is believed at the end of the last step."""
+        """The estimate at the end of the last step."""
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""

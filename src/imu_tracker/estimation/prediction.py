@@ -60,7 +60,7 @@ class Turning:
     def __init__(self) -> None:
         self._rate_b: Vec3 = (0.0, 0.0, 0.0)
 
-    def add(self, step: ImuStep, gyro_bias_radps: Vec3) -> None:
+    def add_step(self, step: ImuStep, gyro_bias_radps: Vec3) -> None:
         """Take a step; nothing is known of a gap."""
         if step.is_gap:
             self._rate_b = (0.0, 0.0, 0.0)
@@ -78,13 +78,13 @@ class Turning:
             z + new * (tz / dt - bz - z),
         )
 
-    def about_down_radps(self, believed: Estimate) -> float:
+    def about_down_radps(self, estimate: Estimate) -> float:
         """Rate of the heading, positive to the right."""
-        return rotate(believed.q_nb, self._rate_b)[2]
+        return rotate(estimate.q_nb, self._rate_b)[2]
 
 
 def predict(
-    believed: Estimate,
+    estimate: Estimate,
     speed_sigma_mps: float,
     turn_radps: float,
     profile: str,
@@ -94,7 +94,7 @@ def predict(
 
     Parameters
     ----------
-    believed : Estimate
+    estimate : Estimate
     speed_sigma_mps : float
         Of the horizontal velocity, per axis.
     turn_radps : float
@@ -111,8 +111,8 @@ def predict(
     (v + V) t in the end: m = a t^2 / 2 / (1 + t a / (2 (v + V))).
     """
     habit = HABITS.get(profile, HABITS["free"])
-    here = LocalFrame.at(believed.lat_rad, believed.lon_rad)
-    vn, ve, _ = believed.v_n_mps
+    here = LocalFrame.at(estimate.lat_rad, estimate.lon_rad)
+    vn, ve, _ = estimate.v_n_mps
     speed = math.hypot(vn, ve)
     found = []
     for t in after_s:
@@ -126,6 +126,6 @@ def predict(
         free = 0.5 * habit.accel_mps2 * t * t
         most = (speed + habit.speed_mps) * t
         own = free / (1.0 + free / most) if t > 0.0 else 0.0
-        r95_m = math.hypot(believed.r95_m, R95_PER_SIGMA * speed_sigma_mps * t, own)
+        r95_m = math.hypot(estimate.r95_m, R95_PER_SIGMA * speed_sigma_mps * t, own)
         found.append(Prediction(t, lat_rad, lon_rad, r95_m))
     return found

@@ -9,7 +9,7 @@ predict from there (the error-state filter does).
 from collections import deque
 from typing import Final, NamedTuple, Protocol
 
-from imu_tracker.estimation.error_state.warm_start import Learnt, Since
+from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import Estimate, Estimator
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.geometry.geodesy import LocalFrame
@@ -55,17 +55,17 @@ class Navigator(Protocol):
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate, before the step that it ends in."""
 
-    def step(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Move on by a step; `rest` when the body stands still."""
 
-    def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
+    def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Take a fix at the instant that it describes.
 
         `start_sigma_m` above zero begins anew at this fix, known so well.
         """
 
     def estimate_after(self, dt_s: float) -> Estimate:
-        """What is believed of the instant `dt_s` after the end of the last step."""
+        """The estimate of the instant `dt_s` after the end of the last step."""
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
@@ -76,13 +76,13 @@ class Navigator(Protocol):
     def report(self) -> dict[str, object]:
         """What was learnt, for people."""
 
-    def recall(self, since: Since, fix: GpsFix | None) -> None:
+    def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, `since` which that happened.
 
         The first fix, if there is one, is about to be taken.
         """
 
-    def learnt(self) -> Learnt | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """What a next start can begin with; None: nothing, or not yet."""
 
     def take_notices(self) -> list[str]:
@@ -121,7 +121,7 @@ class Rewinding:
     def add_sample(self, sample: ImuSample) -> None:
         """Nothing is heard."""
 
-    def step(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Move on by a step, and remember the estimator after it."""
         estimator, past = self._estimator, self._past
         estimator.propagate(step, rest)
@@ -129,7 +129,7 @@ class Rewinding:
         while step.t_ns - past[0].t_ns > HISTORY_NS:
             past.popleft()
 
-    def take(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
+    def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Go back to the fix's instant, apply it, and repeat the steps since."""
         estimator, past = self._estimator, self._past
         is_first = start_sigma_m > 0.0
@@ -159,12 +159,12 @@ class Rewinding:
 
     def estimate_after(self, dt_s: float) -> Estimate:
         """Carry the last estimate to an instant, by its velocity."""
-        believed = self._estimator.estimate()
-        vn, ve, vd = believed.v_n_mps
-        here = LocalFrame.at(believed.lat_rad, believed.lon_rad)
+        estimate = self._estimator.estimate()
+        vn, ve, vd = estimate.v_n_mps
+        here = LocalFrame.at(estimate.lat_rad, estimate.lon_rad)
         lat_rad, lon_rad = here.to_lat_lon(vn * dt_s, ve * dt_s)
-        alt_m = None if believed.alt_m is None else believed.alt_m - vd * dt_s
-        return believed._replace(lat_rad=lat_rad, lon_rad=lon_rad, alt_m=alt_m)
+        alt_m = None if estimate.alt_m is None else estimate.alt_m - vd * dt_s
+        return estimate._replace(lat_rad=lat_rad, lon_rad=lon_rad, alt_m=alt_m)
 
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
@@ -178,10 +178,10 @@ class Rewinding:
         """What was learnt, for people."""
         return self._estimator.report()
 
-    def recall(self, since: Since, fix: GpsFix | None) -> None:
+    def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
         """Nothing was remembered."""
 
-    def learnt(self) -> Learnt | None:
+    def learned_parameters(self) -> LearnedParameters | None:
         """Nothing that a next start can begin with."""
         return None
 

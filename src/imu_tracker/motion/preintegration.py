@@ -86,7 +86,7 @@ class Preintegrator:
         self._start_ns, self._samples = t_ns, []
         return self._gap(t_ns, dt_s)
 
-    def add(self, sample: ImuSample) -> ImuStep | None:
+    def add_sample(self, sample: ImuSample) -> ImuStep | None:
         """Take one sample; return the step that it completes, if it does.
 
         The interval between two samples is integrated by the trapezoid rule. After a

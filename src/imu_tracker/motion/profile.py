@@ -42,7 +42,7 @@ WALKED_S: Final = 20.0
 _GRAVITY_MPS2: Final = 9.81
 
 
-class ProfileJudge:
+class ProfileClassifier:
     """Collects evidence; says the profile once it is clear, and keeps to it."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class ProfileJudge:
         self._rolling_var = 0.0
         self._lean_rad: float | None = None
 
-    def observe(
+    def add_motion(
         self,
         period_s: float,
         speed_mps: float,
@@ -85,14 +85,14 @@ class ProfileJudge:
             if self.profile == "walker":
                 self.profile = "free"  # he has got in
             if lean_rad is not None:
-                self._see_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
+                self._add_turn(period_s, speed_mps * turn_rad / period_s, lean_rad)
         elif is_stepping and WALKING_MPS[0] < speed_mps < WALKING_MPS[1]:
             self._walked_s += period_s
             if self._walked_s > WALKED_S:
                 self._turned = self._leaned = 0.0
                 self.profile = "walker"
 
-    def _see_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
+    def _add_turn(self, period_s: float, across_mps2: float, lean_rad: float) -> None:
         """Compare the lean with what would balance the turn.
 
         Notes

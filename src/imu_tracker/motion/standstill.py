@@ -1,22 +1,19 @@
 """Standing still, by the IMU's own word.
 
 The most useful measurement there is without GPS, and the most dangerous: a creeping
-car that is believed to stand writes its turn into the gyro bias. So rest is claimed
+car that is taken to stand writes its turn into the gyro bias. So rest is claimed
 only when the vibration of a second lies below a level learnt from this very vehicle,
 the rate agrees with the bias, the force with gravity, and nothing that is known of
 the speed speaks against it.
 """
 
 import math
-from collections import deque
 from typing import Final, NamedTuple
 
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.vibration import Vibration
+from imu_tracker.motion.window import StepWindow
 from imu_tracker.samples import Vec3
-
-WINDOW_NS: Final = 1_000_000_000
-"""Long enough to see an idling engine, short enough for a stop at a junction."""
 
 CONFIRM_S: Final = 0.5
 """Rest must last so long beyond its first full window: a turning point is no stop."""
@@ -63,6 +60,13 @@ worse than this. Rate and force must agree all the same. Its word comes late: on
 tells rest in hindsight may use it."""
 
 
+LOUDER: Final = 2.0
+MOVED_MPS2: Final = 0.15
+MOVED_RADPS: Final = math.radians(0.5)
+"""What no start from rest can hide, whatever a receiver says: vibration twice that of
+the rest, or a mean force or rate that differs from the rest's."""
+
+
 class Rest(NamedTuple):
     """What the sensors read while at rest, means over the window in body axes."""
 
@@ -70,6 +74,7 @@ class Rest(NamedTuple):
     accel_mps2: Vec3
     duration_s: float
     gyro_std_radps: float = 0.0  # about their mean, all axes together
+    accel_std_mps2: float = 0.0
 
 
 class StandstillDetector:
@@ -94,8 +99,7 @@ class StandstillDetector:
 
     def __init__(self, *, in_hindsight: bool = False) -> None:
         self._in_hindsight = in_hindsight
-        self._steps: deque[ImuStep] = deque()
-        self._sums: tuple[float, ...] = (0.0,) * 9  # n, gyro, accel, their squares
+        self._window = StepWindow()
         self._rest_since_ns: int | None = None
         self._speed_mps: float | None = None
         self._speed_ns = 0
@@ -106,9 +110,10 @@ class StandstillDetector:
         self._is_shaking = True
         self._gliding: tuple[Vec3, float] | None = None  # its force, what is to brake
         self._gyro_std = self._accel_std = math.inf
+        self._standing: Rest | None = None  # the last one, until the IMU shows its end
         self.vibration = Vibration()
 
-    def observe_speed(self, t_ns: int, speed_mps: float) -> None:
+    def add_speed(self, t_ns: int, speed_mps: float) -> None:
         """Hear the receiver's speed; learn the level of vibration that goes with it."""
         self._speed_mps, self._speed_ns = speed_mps, t_ns
         self._n_slow = self._n_slow + 1 if speed_mps <= STANDING_MPS else 0
@@ -124,12 +129,17 @@ class StandstillDetector:
             return  # neither surely at rest nor surely moving
         self.vibration.learn(self._gyro_std, self._accel_std, is_moving=is_moving)
 
+    @property
+    def is_standing(self) -> bool:
+        """Whether by the IMU alone the last rest goes on, whatever a receiver says."""
+        return self._standing is not None
+
     def veto(self, until_ns: int) -> None:
         """Refuse rest until then: something else says that the body moves."""
         self._vetoed_until_ns = until_ns
         self._rest_since_ns = None
 
-    def add(
+    def add_step(
         self,
         step: ImuStep,
         gyro_bias_radps: Vec3,
@@ -148,28 +158,27 @@ class StandstillDetector:
             What the filter believes of the horizontal speed.
         """
         if step.is_gap:
-            self._steps.clear()
-            self._sums = (0.0,) * 9
+            self._window.clear()
             self._gyro_std = self._accel_std = math.inf
-            self._rest_since_ns = self._force = self._gliding = None
+            self._rest_since_ns = self._force = self._gliding = self._standing = None
             return None
-        self._slide(step)
-        if self._steps[-1].t_ns - self._steps[0].t_ns < 0.8 * WINDOW_NS:
+        self._window.add_step(step)
+        if not self._window.is_full:
             self._rest_since_ns = None
             return None
-        n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = self._sums
-        gyro, self._gyro_std = _mean_and_std(n, (gx, gy, gz), gyro_sq)
-        accel, self._accel_std = _mean_and_std(n, (ax, ay, az), accel_sq)
+        (gyro, self._gyro_std), (accel, self._accel_std) = self._window.statistics()
+        if self._standing is not None and self._has_left(self._standing, gyro, accel):
+            self._standing = None
         deviation = math.dist(gyro, gyro_bias_radps)
         agreed = 1.0
-        if self._receiver_rests(step.t_ns):
+        if self._receiver_stands(step.t_ns):
             is_unknown = gyro_bias_sigma_radps > UNKNOWN_BIAS_RADPS
             agreed = UNKNOWN_FACTOR if is_unknown else AGREED_FACTOR
         stds = self._gyro_std, self._accel_std
         is_shaking = self.vibration.exceeds(*stds, factor=agreed)
         self._is_shaking, self._accel = self.vibration.exceeds(*stds), accel
         is_turning = deviation > GLIDE_TURN_RADPS + 3.0 * gyro_bias_sigma_radps
-        self._feel_braking(0.0 if is_turning else step.dt_s)
+        self._integrate_braking(0.0 if is_turning else step.dt_s)
         if is_shaking or agreed > 1.0:
             self._force = None
         is_quiet = (
@@ -185,21 +194,14 @@ class StandstillDetector:
         if self._rest_since_ns is None:
             self._rest_since_ns = step.t_ns
         duration_s = (step.t_ns - self._rest_since_ns) * 1e-9
-        self._remember_force(accel, step.dt_s)
+        self._average_force(accel, step.dt_s)
         if duration_s < CONFIRM_S:
             return None
-        return Rest(gyro, accel, duration_s, self._gyro_std)
+        rest = Rest(gyro, accel, duration_s, self._gyro_std, self._accel_std)
+        self._standing = self._standing or rest
+        return rest
 
-    def _slide(self, step: ImuStep) -> None:
-        """Move the window on by a step."""
-        steps = self._steps
-        steps.append(step)
-        sums = _added(self._sums, step, 1.0)
-        while step.t_ns - steps[0].t_ns > WINDOW_NS:
-            sums = _added(sums, steps.popleft(), -1.0)
-        self._sums = sums
-
-    def _feel_braking(self, dt_s: float) -> None:
+    def _integrate_braking(self, dt_s: float) -> None:
         """Count down what a gliding body has still to brake; shaking ends the glide."""
         if self._is_shaking:
             self._gliding = None
@@ -209,22 +211,24 @@ class StandstillDetector:
             to_brake_mps -= max(felt_mps2, 0.0) * dt_s
             self._gliding = (force, to_brake_mps) if to_brake_mps > 0.0 else None
 
+    def _has_left(self, rest: Rest, gyro: Vec3, accel: Vec3) -> bool:
+        """Whether the window differs from a rest as no resting body does."""
+        return (
+            self._gyro_std > LOUDER * rest.gyro_std_radps
+            or self._accel_std > LOUDER * rest.accel_std_mps2
+            or math.dist(accel, rest.accel_mps2) > MOVED_MPS2
+            or math.dist(gyro, rest.gyro_radps) > MOVED_RADPS
+        )
+
     def _is_leaving(self, gyro: Vec3, accel: Vec3) -> bool:
         """Whether the latest steps differ from the window: a car pulls off.
 
         The window's deviations see it only when half a second of it was lost.
         """
-        latest = [self._steps[-i] for i in range(1, _LATEST_STEPS + 1)]
-        n = sum(s.n_samples for s in latest)
-        gyro_sums = [
-            sum(c) / n for c in zip(*(s.gyro_sum_radps for s in latest), strict=True)
-        ]
-        accel_sums = [
-            sum(c) / n for c in zip(*(s.accel_sum_mps2 for s in latest), strict=True)
-        ]
+        latest_gyro, latest_accel = self._window.latest_means(_LATEST_STEPS)
         return (
-            math.dist(gyro_sums, gyro) > LEAVING_RADPS
-            or math.dist(accel_sums, accel) > LEAVING_MPS2
+            math.dist(latest_gyro, gyro) > LEAVING_RADPS
+            or math.dist(latest_accel, accel) > LEAVING_MPS2
         )
 
     def _is_pulling(self, accel: Vec3) -> bool:
@@ -234,7 +238,7 @@ class StandstillDetector:
         force, lasted_s = self._force
         return lasted_s > PULLING_AFTER_S and math.dist(force, accel) > PULLING_MPS2
 
-    def _remember_force(self, accel: Vec3, dt_s: float) -> None:
+    def _average_force(self, accel: Vec3, dt_s: float) -> None:
         """Average the force of a rest."""
         (x, y, z), lasted_s = (accel, 0.0) if self._force is None else self._force
         lasted_s = min(lasted_s + dt_s, REFERENCE_S)
@@ -243,7 +247,7 @@ class StandstillDetector:
         mean = (x + share * (ax - x), y + share * (ay - y), z + share * (az - z))
         self._force = mean, lasted_s
 
-    def _receiver_rests(self, t_ns: int) -> bool:
+    def _receiver_stands(self, t_ns: int) -> bool:
         """Whether the receiver has said for some time that the body stands."""
         return (
             self._in_hindsight
@@ -261,27 +265,3 @@ class StandstillDetector:
         # Without a receiver a smooth motorway or a train is told from a stop only by
         # what was felt of braking, and the speed that the filter still remembers.
         return self._gliding is not None or speed_mps > 1.0 + 3.0 * speed_sigma_mps
-
-
-def _added(sums: tuple[float, ...], step: ImuStep, sign: float) -> tuple[float, ...]:
-    n, gx, gy, gz, ax, ay, az, gyro_sq, accel_sq = sums
-    sgx, sgy, sgz = step.gyro_sum_radps
-    sax, say, saz = step.accel_sum_mps2
-    return (
-        n + sign * step.n_samples,
-        gx + sign * sgx,
-        gy + sign * sgy,
-        gz + sign * sgz,
-        ax + sign * sax,
-        ay + sign * say,
-        az + sign * saz,
-        gyro_sq + sign * step.gyro_sq_sum,
-        accel_sq + sign * step.accel_sq_sum,
-    )
-
-
-def _mean_and_std(n: float, total: Vec3, sq_sum: float) -> tuple[Vec3, float]:
-    """Mean vector, and the standard deviation of all three axes together."""
-    x, y, z = total[0] / n, total[1] / n, total[2] / n
-    variance = sq_sum / n - (x * x + y * y + z * z)
-    return (x, y, z), math.sqrt(max(variance, 0.0))

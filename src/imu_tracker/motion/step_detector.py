@@ -21,7 +21,7 @@ MEMORY_S: Final = 3.0
 _HYSTERESIS: Final = 0.5  # of the scatter: what rattles on top of a pace is none
 
 
-class Pace:
+class StepDetector:
     """Follows strength and frequency of the force's coming and going."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Pace:
         is_strong = self._var > STEPPING_MPS2**2
         return is_strong and slowest_hz < self._pace_hz < fastest_hz
 
-    def add(self, step: ImuStep) -> None:
+    def add_step(self, step: ImuStep) -> None:
         """Take the mean force of a step of the filters."""
         if step.is_gap:
             return

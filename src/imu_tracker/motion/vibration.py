@@ -77,7 +77,7 @@ class Vibration:
             for is_moving, (gyro, accel) in self._log_levels.items()
         )
 
-    def recall(self, levels: Levels) -> None:
+    def load_prior(self, levels: Levels) -> None:
         """Begin with what an earlier run learnt; twenty fixes overrule it."""
         self._log_levels = {
             is_moving: (math.log(gyro), math.log(accel))

@@ -36,7 +36,7 @@ from imu_tracker.storage.append_file import AppendFile, Layout, Limits
 from imu_tracker.storage.torn_lines import (
     end_of_lines,
     end_of_members,
-    is_kin,
+    is_our_format,
     read_lines,
 )
 
@@ -299,11 +299,15 @@ def _first_utc(path: Path) -> str | None:
     return None
 
 
-_is_kin = partial(is_kin, first_words=MAGIC.rstrip(b"1"), is_whole=_is_whole)
-_PLAIN = Layout(
-    partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole), _is_kin, _first_utc
+_is_our_format = partial(
+    is_our_format, first_words=MAGIC.rstrip(b"1"), is_whole=_is_whole
 )
-_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _is_kin, _first_utc)
+_PLAIN = Layout(
+    partial(end_of_lines, first_line=MAGIC, is_whole=_is_whole),
+    _is_our_format,
+    _first_utc,
+)
+_PACKED = Layout(partial(end_of_members, first_line=MAGIC), _is_our_format, _first_utc)
 
 
 def layout_of(path: Path) -> Layout:

@@ -80,7 +80,7 @@ class Replay:
             yield pipeline.advance(now_ns)
         if rows := pipeline.feed(frame):
             yield rows
-        self._remember()
+        self._set_learned()
 
     def summary(self) -> str:
         """Say in one line what came of it."""
@@ -109,7 +109,7 @@ class Replay:
     def _begin(self, header: SessionHeader) -> None:
         if self._pipeline is not None:
             self._counters += self._pipeline.counters
-            self._remember()
+            self._set_learned()
         header = self._config.amended(header)
         if self._sessions == 0:
             self._zero_utc_s = header.start_utc_s
@@ -122,9 +122,9 @@ class Replay:
             settings = settings._replace(prior=self._state.begin(sensor))
         self._pipeline = Pipeline(header, settings, corrections=self._corrections)
 
-    def _remember(self) -> None:
+    def _set_learned(self) -> None:
         if self._state is not None and self._pipeline is not None:
-            self._state.remember(self._pipeline.learnt())
+            self._state.set_learned(self._pipeline.learned_parameters())
 
     def _keep(self, item: Frame, state: NavState) -> None:
         if self._zero_utc_s is None:

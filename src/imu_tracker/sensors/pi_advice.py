@@ -100,14 +100,16 @@ def console_on(port: str) -> str | None:
     except (OSError, UnicodeDecodeError):
         return None
     names = {Path(port).name, Path(port).resolve().name}
-    for parameter in parameters:
-        key, _, value = parameter.partition("=")
-        console = value.partition(",")[0]
-        if key == "console" and (
-            console in names or (console == "serial0" and names & set(UARTS))
-        ):
-            return parameter
-    return None
+    return next((one for one in parameters if is_console_on(one, names)), None)
+
+
+def is_console_on(parameter: str, names: set[str]) -> bool:
+    """Tell whether a kernel parameter claims the port of these names in /dev."""
+    key, _, value = parameter.partition("=")
+    console = value.partition(",")[0]
+    return key == "console" and (
+        console in names or (console == "serial0" and bool(names & set(UARTS)))
+    )
 
 
 def _settings(path: Path) -> set[str]:

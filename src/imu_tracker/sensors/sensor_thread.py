@@ -32,7 +32,9 @@ class SensorThread(ABC):
     def __init__(self, name: str, put: Callable[[Frame], None], clock: Clock) -> None:
         self._name, self._put, self._clock = name, put, clock
         self._stop = Event()
-        self._thread = Thread(target=self._run_and_confess, name=name, daemon=True)
+        self._thread = Thread(
+            target=self._run_and_capture_error, name=name, daemon=True
+        )
         self.error: BaseException | None = None
         self.turned_ns = clock.now_ns()
 
@@ -56,7 +58,7 @@ class SensorThread(ABC):
     def run(self) -> None:
         """Read until stopped; what the thread does, and a test may do without one."""
 
-    def _run_and_confess(self) -> None:
+    def _run_and_capture_error(self) -> None:
         try:
             self.run()
         except BaseException as error:  # noqa: BLE001 - handed to the loop

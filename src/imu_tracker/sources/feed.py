@@ -34,12 +34,12 @@ class Feed(Protocol):
         """Whether everything was delivered that there will ever be."""
         ...
 
-    def take(self) -> Delivery:
+    def read(self) -> Delivery:
         """Return what arrived; raises what ended a thread."""
         ...
 
-    def hang(self) -> str:
-        """Say who neither delivers nor retries, or ""; the watchdog bites for it."""
+    def stalled_source(self) -> str:
+        """Name a stalled source, or ""; the watchdog is not fed while there is one."""
         ...
 
     def health(self) -> dict[str, dict[str, Any]]:

@@ -73,7 +73,7 @@ class HardwareFeed:
         else:
             self._refused_frames += 1
 
-    def take(self) -> Delivery:
+    def read(self) -> Delivery:
         """Return what the sensors have put."""
         for reader in (self._imu, self._gps):
             if reader.error is not None:
@@ -97,8 +97,8 @@ class HardwareFeed:
             items.append(Frame(now_ns, Source.EVENT, text))
         return Delivery(items, now_ns - ARRIVAL_NS)
 
-    def hang(self) -> str:
-        """Say which thread neither delivers nor retries, or ""."""
+    def stalled_source(self) -> str:
+        """Name the thread that neither delivers nor retries, or ""."""
         now_ns = self._clock.now_ns()
         for name, reader in (("IMU", self._imu), ("GPS", self._gps)):
             if now_ns - reader.turned_ns > HANGS_NS:

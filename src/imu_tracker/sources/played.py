@@ -76,7 +76,7 @@ class PlayedFeed:
         """Whether the stream has ended."""
         return self._ahead is None
 
-    def take(self) -> Delivery:
+    def read(self) -> Delivery:
         """Return what is due by now."""
         now_s = (self._clock.now_ns() - self._start_ns) / SECOND_NS * self._speed
         items: list[SessionHeader | Frame] = []
@@ -93,7 +93,7 @@ class PlayedFeed:
         silence_ns = round((now_s - self._last_s) * SECOND_NS)
         return Delivery(items, self._last_ns + silence_ns)
 
-    def hang(self) -> str:
+    def stalled_source(self) -> str:
         """Return "": there is no thread that could hang."""
         return ""
 

@@ -46,12 +46,12 @@ class Layout(NamedTuple):
     """What the file must know of its content.
 
     `whole_size` tells the size to cut an open file to, None when it is of another
-    format; `is_kin` whether it is one of ours nevertheless, of another version or
+    format; `is_our_format` whether it is ours all the same, of another version or
     damaged; `first_utc` the time of a file's first record, for its rotated name.
     """
 
     whole_size: Callable[[BinaryIO], int | None]
-    is_kin: Callable[[BinaryIO], bool]
+    is_our_format: Callable[[BinaryIO], bool]
     first_utc: Callable[[Path], str | None]
 
 
@@ -206,7 +206,7 @@ class AppendFile:
                 os.ftruncate(fd, min(self._size, found.st_size))
             with os.fdopen(fd, "rb", closefd=False) as file:
                 size = self._layout.whole_size(file)
-                if size is None and not self._layout.is_kin(file):
+                if size is None and not self._layout.is_our_format(file):
                     raise OutputError(f"{self.path}: {FOREIGN}")
             if size is not None:
                 self._cut(fd, size)
@@ -287,7 +287,7 @@ class AppendFile:
 def is_foreign(path: Path, layout: Layout) -> bool:
     """Whether a file is there that would be refused as somebody else's."""
     with path.open("rb") as file:
-        return layout.whole_size(file) is None and not layout.is_kin(file)
+        return layout.whole_size(file) is None and not layout.is_our_format(file)
 
 
 def make_directories(directory: Path) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 from imu_tracker.errors import InputMissingError, LogError
 from imu_tracker.samples import NavState
 from imu_tracker.storage.append_file import AppendFile, Layout, Limits
-from imu_tracker.storage.torn_lines import end_of_lines, is_kin, read_lines
+from imu_tracker.storage.torn_lines import end_of_lines, is_our_format, read_lines
 
 HEADER: Final = "time_utc,lat_deg,lon_deg,alt_m,speed_mps,course_deg,r95_m,mode"
 
@@ -203,7 +203,7 @@ def _first_utc(path: Path) -> str | None:
 
 LAYOUT: Final = Layout(
     partial(end_of_lines, first_line=_HEADER_LINE, is_whole=_is_whole),
-    partial(is_kin, first_words=b"time_utc,", is_whole=_is_whole),
+    partial(is_our_format, first_words=b"time_utc,", is_whole=_is_whole),
     _first_utc,
 )
 

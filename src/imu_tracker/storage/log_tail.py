@@ -181,7 +181,7 @@ class LogTail:
                 continue
             self._seen.add(name)
             try:
-                for lines in read_lines(files[name], LogError):
+                for lines in read_lines(_as_it_is_now(files[name]), LogError):
                     for row in filter(None, map(self._row, lines)):
                         self.position = TailPosition(row.utc_s)
                         yield row
@@ -228,14 +228,28 @@ class LogTail:
         return row if row.utc_s > self._after_s else None
 
 
+def _as_it_is_now(path: Path) -> Path:
+    """Return a rotated file's path: it may have been compressed since it was found."""
+    return path if path.exists() else path.with_name(f"{path.name}.gz")
+
+
+def newest_position(path: Path) -> TailPosition:
+    """Return where a reader of everything is; of an empty log, before its begin."""
+    with suppress(OSError), path.open("rb") as file:
+        found = os.fstat(file.fileno())
+        file.seek(max(0, found.st_size - _BLOCK_BYTES))
+        lines = file.read(_BLOCK_BYTES).split(b"\n")
+        end = found.st_size - len(lines.pop())
+        for line in reversed(lines):
+            with suppress(ValueError):
+                return TailPosition(parse_row(line).utc_s, found.st_ino, end)
+            end -= len(line) + 1
+    return TailPosition()
+
+
 def newest_utc_s(path: Path) -> float:
     """Return the time of the newest row of a log; -inf when it has none yet."""
-    with suppress(OSError), path.open("rb") as file:
-        file.seek(max(0, os.fstat(file.fileno()).st_size - _BLOCK_BYTES))
-        for line in reversed(file.read(_BLOCK_BYTES).split(b"\n")[:-1]):
-            with suppress(ValueError):
-                return parse_row(line).utc_s
-    return -math.inf
+    return newest_position(path).utc_s
 
 
 def _stamp(path: Path, name: str) -> str:

@@ -25,8 +25,9 @@ from pydantic import (
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config.values import MountAxes
 from imu_tracker.errors import OutputError, StateError, shown
-from imu_tracker.estimation.error_state.warm_start import Learnt, Place
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
 from imu_tracker.samples import Mount
+from imu_tracker.wheels.orders import N_STRENGTHS, KeptWheels
 
 FORMAT: Final = "imu-tracker state"
 VERSION: Final = 2
@@ -92,6 +93,7 @@ _GyroGainSigma = Annotated[
 _MountSigma = Annotated[float, Field(ge=0, le=10)]  # zero: there is no mounting
 _Vibration = Annotated[float, Field(ge=1e-6, le=1000.0)]
 _Level = tuple[bool, _Vibration, _Vibration]
+_Strength = Annotated[float, Field(ge=0, le=1e6)]
 _Utc = Annotated[float, Field(ge=0, le=1e11)]
 
 
@@ -114,8 +116,20 @@ class PlacePart(_Part):
     is_at_rest: bool
 
 
+class WheelsPart(_Part):
+    """`wheels.orders.KeptWheels`."""
+
+    circumference_m: float = Field(ge=1.0, le=4.0)
+    circumference_sigma_m: float = _sigma(1.0)
+    strength: Annotated[
+        tuple[_Strength, ...],
+        Field(min_length=N_STRENGTHS, max_length=N_STRENGTHS),
+        BeforeValidator(_tuple),
+    ]
+
+
 class LearntPart(_Part):
-    """`estimation.memory.Learnt`, with what is plausible of each value."""
+    """`estimation.memory.LearnedParameters`, with what is plausible of each value."""
 
     profile: Literal["free", "vehicle", "walker"]
     noise_level: int = Field(ge=0, le=9)  # the estimator knows which levels there are
@@ -140,6 +154,7 @@ class LearntPart(_Part):
     still_levels: Annotated[
         tuple[_Level, ...], Field(max_length=2), BeforeValidator(_tuple)
     ]
+    wheels: WheelsPart | None = None  # states of before had none
 
 
 class State(_Part):
@@ -161,7 +176,7 @@ class State(_Part):
         return text.replace("+00:00", "Z")
 
     @classmethod
-    def of(cls, learnt: Learnt, sensor: "Sensor") -> Self:
+    def of(cls, learnt: LearnedParameters, sensor: "Sensor") -> Self:
         """Put together what is to be written.
 
         Raises
@@ -171,17 +186,21 @@ class State(_Part):
         """
         values = learnt._asdict()
         values["place"] = learnt.place and learnt.place._asdict()
+        values["wheels"] = learnt.wheels and learnt.wheels._asdict()
         utc_s = values.pop("utc_s")
         return cls.model_validate(
             {"saved_utc": utc_s, **sensor._asdict(), "learnt": values}
         )
 
-    def to_learnt(self) -> Learnt:
+    def to_learnt(self) -> LearnedParameters:
         """Return what an estimator begins with."""
         values = self.learnt.model_dump()
-        place = values.pop("place")
-        return Learnt(
-            **values, utc_s=self.saved_utc, place=Place(**place) if place else None
+        place, wheels = values.pop("place"), values.pop("wheels")
+        return LearnedParameters(
+            **values,
+            utc_s=self.saved_utc,
+            place=Place(**place) if place else None,
+            wheels=KeptWheels(**wheels) if wheels else None,
         )
 
 
@@ -211,7 +230,7 @@ def sensor_of(chip: str, mount: Mount, corrections: Corrections | None) -> Senso
     return Sensor(chip, mount, mark)
 
 
-def read_state(path: Path, sensor: Sensor) -> Learnt | None:
+def read_state(path: Path, sensor: Sensor) -> LearnedParameters | None:
     """Read and check a state file; None when there is none yet.
 
     Raises
@@ -243,7 +262,7 @@ def read_state(path: Path, sensor: Sensor) -> Learnt | None:
     return state.to_learnt()
 
 
-def write_state(path: Path, learnt: Learnt, sensor: Sensor) -> None:
+def write_state(path: Path, learnt: LearnedParameters, sensor: Sensor) -> None:
     """Replace the state file as a whole.
 
     Raises
@@ -278,9 +297,9 @@ class StateFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._sensor: Sensor | None = None
-        self._learnt: Learnt | None = None
+        self._learnt: LearnedParameters | None = None
 
-    def begin(self, sensor: Sensor) -> Learnt | None:
+    def begin(self, sensor: Sensor) -> LearnedParameters | None:
         """Return what a session begins with; None: nothing is known of its sensor.
 
         Raises
@@ -294,7 +313,7 @@ class StateFile:
         self._learnt = read_state(self._path, sensor)
         return self._learnt
 
-    def remember(self, learnt: Learnt | None, chip: str = "") -> None:
+    def set_learned(self, learnt: LearnedParameters | None, chip: str = "") -> None:
         """Hear what the session has learnt, and of which chip when that is news."""
         if learnt is not None and self._sensor is not None:
             self._learnt = learnt

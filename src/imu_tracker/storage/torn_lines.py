@@ -179,7 +179,7 @@ def end_of_members(file: BinaryIO, first_line: bytes) -> int | None:
     return end if is_ours or is_empty else None
 
 
-def is_kin(
+def is_our_format(
     file: BinaryIO, first_words: bytes, is_whole: Callable[[bytes], bool]
 ) -> bool:
     """Tell whether a file is of the same kind, of whatever version.

@@ -28,6 +28,9 @@ many of them one: 1.4 after 40 s, 1.2 in the long run. Five cars in which lines 
 found have 1.3 to 1.9, cobbles 1.09."""
 
 
+N_STRENGTHS: Final = len(ORDERS) * CHANNELS
+
+
 class Wheels(NamedTuple):
     """What was learnt."""
 
@@ -36,19 +39,27 @@ class Wheels(NamedTuple):
     strength: Array  # shape (orders, channels): mean power of a line over 1
 
 
+class KeptWheels(NamedTuple):
+    """What outlasts a run."""
+
+    circumference_m: float
+    circumference_sigma_m: float
+    strength: tuple[float, ...]  # orders by channels
+
+
 class OrderLearner:
     """Mean power at each order of each circumference.
 
-    Parameters
+    Attributes
     ----------
-    prior : Wheels, optional
-        Of an earlier run: taken until enough is learnt.
+    prior : Wheels or None
+        Of an earlier run: taken until these ones stand out, or have had their time.
     """
 
-    def __init__(self, prior: Wheels | None = None) -> None:
+    def __init__(self) -> None:
         self._sum = np.zeros((len(CIRCUMFERENCES_M), len(ORDERS), CHANNELS))
         self._weight = self.learnt_s = 0.0
-        self._prior = prior
+        self.prior: Wheels | None = None
         self._best: Wheels | None = None
 
     def learn(self, found: Spectrum, speed_mps: float, period_s: float) -> None:
@@ -63,9 +74,9 @@ class OrderLearner:
     def wheels(self) -> Wheels | None:
         """What is known by now; None: no lines stand out."""
         best = self.best
-        if best is None:
-            return self._prior
-        return best if best.clarity >= self.needed_clarity else None
+        if best is not None and best.clarity >= self.needed_clarity:
+            return best
+        return self.prior if self.learnt_s < LEARNING_S else None
 
     @property
     def needed_clarity(self) -> float:
@@ -96,3 +107,9 @@ class OrderLearner:
         strength = np.maximum(self._sum[index] / max(self._weight, 1e-9) - 1.0, 0.0)
         clarity = float(total[index] / max(float(np.median(total)), 1e-9))
         return Wheels(float(CIRCUMFERENCES_M[index]), clarity, strength)
+
+
+def loaded(kept: KeptWheels) -> Wheels:
+    """Take an earlier run's wheels for found, and no clearer than that needs."""
+    strength = np.array(kept.strength).reshape(len(ORDERS), CHANNELS)
+    return Wheels(kept.circumference_m, 1.0 + float(strength.mean()), strength)

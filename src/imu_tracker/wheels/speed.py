@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.samples import ImuSample
-from imu_tracker.wheels.orders import OrderLearner, Wheels
+from imu_tracker.wheels.orders import KeptWheels, OrderLearner, Wheels, loaded
 from imu_tracker.wheels.posterior import (
     SpeedError,
     Turning,
@@ -60,9 +60,9 @@ class WheelSpeed:
         Windows on the way, and those that became part of an answer.
     """
 
-    def __init__(self, prior: Wheels | None = None) -> None:
+    def __init__(self) -> None:
         self._samples = Samples()
-        self._learner = OrderLearner(prior)
+        self._learner = OrderLearner()
         self._motion: deque[tuple[int, float, float]] = deque()
         self._due_ns = 0
         self._together: list[Weighed] = []
@@ -90,7 +90,7 @@ class WheelSpeed:
             last_ns, last_mps, _ = motion[-1]
             if t_ns <= last_ns or abs(speed_mps - last_mps) > JUMP_MPS:
                 motion.clear()
-                self.forget_evidence()
+                self.reset_evidence()
         motion.append((t_ns, speed_mps, turn_radps))
         while motion[0][0] < t_ns - int((WINDOW_S + 0.5) * 1e9):
             motion.popleft()
@@ -127,7 +127,7 @@ class WheelSpeed:
             return None
         t_ns, speed_mps, _ = self._motion[-1]
         if self._together and t_ns - self._together[-1].t_ns > BROKEN_NS:
-            self.forget_evidence()
+            self.reset_evidence()
         turning = Turning(t_ns, speed_mps, circumference_m)
         self._together.append(weighed(found, wheels.strength, turning, sigma_mps))
         self.asked_windows += 1
@@ -139,7 +139,7 @@ class WheelSpeed:
             return None
         if answer is not None:
             self.heard_windows += n
-        self.forget_evidence()
+        self.reset_evidence()
         return answer
 
     def is_clearer_than(self, circumference_m: float, factor: float) -> bool:
@@ -151,14 +151,13 @@ class WheelSpeed:
         """Take along the motion before an answer: its shape is the same."""
         self._motion = deque((t, v + by_mps, w) for t, v, w in self._motion)
 
-    def forget_evidence(self) -> None:
+    def reset_evidence(self) -> None:
         """Drop the windows that are not a measurement yet."""
         self._together.clear()
 
-    def forget_wheels(self) -> None:
-        """Begin anew: another vehicle."""
-        self._learner = OrderLearner()
-        self.forget_evidence()
+    def load(self, kept: KeptWheels) -> None:
+        """Begin with the wheels of an earlier run."""
+        self._learner.prior = loaded(kept)
 
     def spectrum(self) -> Spectrum | None:
         """Spectrum of the window that ends with the last motion."""

@@ -7,7 +7,11 @@ was learnt. Not here: the order of events and output times (`Tracker`).
 __all__ = [
     "estimator",
     "filter",
+    "fix_update",
+    "fixed_lag",
+    "mechanisation",
     "platform",
+    "propagation",
     "receiver_model",
     "states",
     "warm_start",

@@ -1,4 +1,4 @@
-"""A fix against the filters: believed, softened, refused, or begun anew from."""
+"""A fix against the filters: used, de-weighted, rejected, or a restart."""
 
 import math
 from collections.abc import Callable
@@ -6,48 +6,50 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import DARK_AFTER_S
+from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.hypotheses.reorient import forget_gyro_bias
-from imu_tracker.estimation.error_state.platform import Carrier
-from imu_tracker.estimation.error_state.propagation import (
-    ANY_HEIGHT_VAR,
-    ANY_SPEED_VAR,
-    Propagation,
-)
+from imu_tracker.estimation.error_state.hypotheses.reorient import inflate_gyro_bias
+from imu_tracker.estimation.error_state.platform import Platform
+from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
     geometry_of,
     log_likelihood,
-    soft,
+    soft_gated,
 )
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
+    P_E,
+    P_N,
     POSITION,
     RECEIVER,
+    V_E,
+    V_N,
     VELOCITY,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    INFLATION_S,
+    MAX_RECEIVER_SIGMAS,
+)
 from imu_tracker.samples import GpsFix, Vec3
-
-BELIEVED_SIGMAS: Final = 2.5
-DOUBT_S: Final = 5.0
-"""A lasting error of the receiver beyond this is the filter's own."""
 
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
 
 
 class FixUpdate:
-    """Corrects all filters by fixes, and learns how far those are to be believed.
+    """Corrects all filters by fixes, and learns their noise.
 
     Parameters
     ----------
@@ -55,10 +57,11 @@ class FixUpdate:
         From the chip to the antenna.
     bank : NoiseBank
     alignment : Alignment
-    carrier : Carrier
+    platform : Platform
     propagation : Propagation
     notify : callable
-        Takes in words what people want to read of.
+        Takes messages for the log.
+    fix_period : FixPeriod
 
     Attributes
     ----------
@@ -67,7 +70,7 @@ class FixUpdate:
         Of the filters with the receiver alone.
     alt_origin_m : float or None
         Height of the origin of positions, once a fix has told it.
-    doubt_m : float
+    ambiguity_m : float
         Radius that reaches to where refused fixes agree on; 0: none do.
     nis_mean, log_likelihood_mean : float
         Of the positions that were used.
@@ -78,21 +81,22 @@ class FixUpdate:
         lever_arm_m: Vec3,
         bank: NoiseBank,
         alignment: Alignment,
-        carrier: Carrier,
+        platform: Platform,
         propagation: Propagation,
         notify: Callable[[str], None],
+        fix_period: FixPeriod,
     ) -> None:
         self._notify = notify
         self._lever_arm_m = lever_arm_m
-        self._bank, self._alignment, self._carrier = bank, alignment, carrier
+        self._bank, self._alignment, self._platform = bank, alignment, platform
         self._propagation = propagation
-        self._gate = Gate(carrier.profile)
-        self.receiver = ReceiverModel()
+        self._gate = Gate(platform.profile)
+        self.receiver = ReceiverModel(fix_period)
         self.alt_origin_m: float | None = None
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         self._nis_sum = self._log_likelihood_sum = 0.0
         self._n_used = 0
-        self.comparison = Comparison(carrier)
+        self.comparison = Comparison(platform)
         self._restarted_ns: int | None = None
 
     @property
@@ -106,8 +110,8 @@ class FixUpdate:
         return self._log_likelihood_sum / max(self._n_used, 1)
 
     def change_profile(self) -> None:
-        """Gate by what the carrier may do now."""
-        self._gate = Gate(self._carrier.profile)
+        """Gate by what the platform may do now."""
+        self._gate = Gate(self._platform.profile)
         self.comparison.change_profile()
 
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
@@ -120,14 +124,14 @@ class FixUpdate:
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
             return FixOutcome.FROZEN
-        receiver.observe(fix)
-        self._propagation.behaviour.own_accel_mps2 = receiver.accel_mps2
+        receiver.add_fix(fix)
+        self._propagation.constraints.own_accel_mps2 = receiver.accel_mps2
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
         for each in self._alignment.filters:
-            each.take_receiver_var(receiver.lasting_var(fix))
-            self._doubt(each, receiver.lasting_var(fix))
+            each.set_receiver_var(receiver.lasting_var(fix))
+            self._inflate_unexplained(each, receiver.lasting_var(fix))
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
@@ -138,8 +142,8 @@ class FixUpdate:
             *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
         )
         if verdict is Verdict.IMU_LOST:
-            if not self._saves_imu(fix):
-                self._relearn(fix)
+            if not self._recover_heading(fix):
+                self._restart_imu(fix)
             return FixOutcome.ACCEPTED
         if verdict is Verdict.IMU_BACK:
             self._notify("the IMU agrees with the receiver again")
@@ -153,67 +157,69 @@ class FixUpdate:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self.doubt_m = math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
+                self.ambiguity_m = (
+                    math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
+                )
             return FixOutcome.OUTLIER
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
-        is_tracking = is_aligned and self._propagation.dark_s < DARK_AFTER_S
+        is_tracking = is_aligned and self._propagation.outage_s < OUTAGE_AFTER_S
         if is_tracking and self.comparison.odds.has_imu_lead:
-            # The fix as it is, not as it counts: votes would make any receiver shine.
-            S_alone = S - position.R * (1.0 - 1.0 / receiver.votes)
+            # Use the single-fix R: the correlation-inflated R
+            # would make every receiver look consistent.
+            S_alone = S - position.R * (1.0 - 1.0 / receiver.correlation_factor)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
-            receiver.learn_position(nis_alone)
+            receiver.learn_position_noise(nis_alone)
         main, challenger = (
             self._correct(each, fix, ahead_s) for each in self._bank.filters
         )
-        if self._alignment.agnostic is not None:
-            self._correct(self._alignment.agnostic, fix, ahead_s)
+        if self._alignment.course_free is not None:
+            self._correct(self._alignment.course_free, fix, ahead_s)
         if is_aligned:
-            self._alignment.judge(main, challenger, receiver.period_s)
-        self._propagation.dark_s = 0.0
+            self._alignment.add_log_likelihoods(main, challenger, receiver.period_s)
+        self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
 
-    def _saves_imu(self, fix: GpsFix) -> bool:
+    def _recover_heading(self, fix: GpsFix) -> bool:
         """Whether it was only a heading that was wrong, by trial or by guess."""
         alignment = self._alignment
-        is_guess = alignment.agnostic is not None
-        if not alignment.take_other_heading():
+        is_guess = alignment.course_free is not None
+        if not alignment.adopt_other_heading():
             if not is_guess:
                 return False
-            alignment.doubt_course()
+            alignment.distrust_course()
         self._begin_at(fix)
-        self.comparison.odds.pardon()
+        self.comparison.odds.undo_loss()
         return True
 
-    def _relearn(self, fix: GpsFix) -> None:
+    def _restart_imu(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
-        self._alignment.lose("the IMU contradicts the receiver: GPS alone")
-        self._alignment.doubt_course()
+        self._alignment.reset_orientation("the IMU contradicts the receiver: GPS alone")
+        self._alignment.distrust_course()
         self._restarted_ns = None
         fresh = start_covariance(is_vehicle=False).diagonal()
         for eskf in self._bank.filters:
-            forget_gyro_bias(eskf)
+            inflate_gyro_bias(eskf)
             eskf.set_variances(DELAYS, fresh[DELAYS])
-        self.receiver.forget_noise()
+        self.receiver.reset_noise()
         self._begin_at(fix)
 
-    def _doubt(self, eskf: Eskf, variance: float) -> None:
+    def _inflate_unexplained(self, eskf: Eskf, variance: float) -> None:
         """Open up where the receiver's error would have to be larger than it can be.
 
         A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `BELIEVED_SIGMAS` becomes its own uncertainty,
+        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
         within some seconds.
         """
         error_m = math.hypot(*eskf.receiver_ne_m)
-        beyond_m = error_m - BELIEVED_SIGMAS * math.sqrt(variance)
+        beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
         if beyond_m > 0.0:
             P = eskf.P.copy()
-            share = min(self.receiver.period_s / DOUBT_S, 1.0)
-            P[0, 0] += share * beyond_m**2
-            P[1, 1] += share * beyond_m**2
-            P[3, 3] += share * (beyond_m / DOUBT_S) ** 2
-            P[4, 4] += share * (beyond_m / DOUBT_S) ** 2
+            share = min(self.receiver.period_s / INFLATION_S, 1.0)
+            for p, v in ((P_N, V_N), (P_E, V_E)):
+                P[p, p] += share * beyond_m**2
+                P[v, v] += share * (beyond_m / INFLATION_S) ** 2
             eskf.P = P
 
     def _position(
@@ -222,7 +228,7 @@ class FixUpdate:
         """Measurement of the position: the same for gate, comparison and update."""
         frame = self._propagation.frame
         position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
-        if not self._alignment.is_aligned or eskf is self._alignment.agnostic:
+        if not self._alignment.is_aligned or eskf is self._alignment.course_free:
             position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
         return position
 
@@ -233,17 +239,17 @@ class FixUpdate:
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
         likelihood = log_likelihood(position.z, eskf.innovation_covariance(position))
-        eskf.apply(position)
-        eskf.apply(receiver.altitude(eskf, fix, self.alt_origin_m))
+        eskf.update(position)
+        eskf.update(receiver.altitude(eskf, fix, self.alt_origin_m))
         velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
         if velocity is not None and propagation.rest is None:
             S = eskf.innovation_covariance(velocity)
-            is_tracking = is_aligned and propagation.dark_s < DARK_AFTER_S
+            is_tracking = is_aligned and propagation.outage_s < OUTAGE_AFTER_S
             is_tracking = is_tracking and self.comparison.odds.has_imu_lead
             if eskf is self._bank.main and is_tracking:
-                receiver.learn_velocity(velocity.z, S - velocity.R)
+                receiver.learn_velocity_noise(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
-            eskf.apply(soft(velocity, S))
+            eskf.update(soft_gated(velocity, S))
         return likelihood
 
     def _restart(self, fix: GpsFix) -> None:
@@ -256,22 +262,22 @@ class FixUpdate:
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS
         is_doubtful = fix.vel_ne_mps is None or self.comparison.odds.nats < 0.0
         if is_again and is_doubtful:
-            self._alignment.lose()
+            self._alignment.reset_orientation()
             self._restarted_ns = None
-        self.comparison.odds.doubt()
+        self.comparison.odds.restart_trial()
         self._begin_at(fix)
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
-        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.agnostic
+        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.course_free
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
-        self.doubt_m = 0.0
+        self.ambiguity_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
         speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:
             if levelled is not None:
-                eskf.take_over(levelled)
-                eskf.forget_orientation(math.pi, is_vehicle=self._carrier.is_vehicle)
+                eskf.copy_state_from(levelled)
+                eskf.inflate_orientation(math.pi, is_vehicle=self._platform.is_vehicle)
                 eskf.receiver_ne_m = (0.0, 0.0)
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)

@@ -10,7 +10,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.filter import Eskf
+from imu_tracker.estimation.error_state.mechanisation import Nominal
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -26,7 +27,7 @@ PULLING_OFF_MPS: Final = 0.1
 """A body that rests gains no speed: what a rocking car shows within a second."""
 
 
-class Trail:
+class FixedLagBuffer:
     """Steps that the filter has yet to take, oldest first.
 
     Attributes
@@ -35,14 +36,18 @@ class Trail:
         End of the newest step.
     lag_ns : int
         How far the filter stays behind.
+    shift_ns : int
+        Fixes describe so much later than the tracker assumes: the part of the delay
+        that was found and moved out of the filters.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[ImuStep, Rest | None]] = deque()
         self.now_ns = 0
         self.lag_ns = LEAST_LAG_NS
+        self.shift_ns = 0
 
-    def add(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Let a step wait."""
         self._waiting.append((step, rest))
         self.now_ns = step.t_ns
@@ -102,7 +107,7 @@ class Trail:
         for step, rest in self._waiting:
             if step.t_ns - _length_ns(step) // 2 > t_ns:
                 break
-            nominal = eskf.advanced(nominal, step, use_force=can_use_force(rest))
+            nominal = eskf.mechanise(nominal, step, use_force=can_use_force(rest))
         return nominal
 
 

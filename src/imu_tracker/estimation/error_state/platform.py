@@ -5,14 +5,10 @@ from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.reorient import lean_right
-from imu_tracker.motion.profile import ProfileJudge
-from imu_tracker.motion.step_detector import Pace
+from imu_tracker.estimation.tuning import UNKNOWN_ACCEL_PSD
+from imu_tracker.motion.profile import ProfileClassifier
+from imu_tracker.motion.step_detector import StepDetector
 from imu_tracker.samples import Quat
-
-UNKNOWN_ACCEL_PSD: Final = {"vehicle": 2.5**2, "walker": 0.5**2, "free": 2.5**2}
-"""While the yaw or the IMU is unknown: a body's own acceleration, as (m/s^2)^2/Hz. A
-vehicle's is 1 m/s^2 rms, and corners and stops last some six seconds; a walker turns
-round within one."""
 
 LONGEST_S: Final = 2.0
 """Into a turn and out of it takes longer."""
@@ -21,7 +17,7 @@ MOST_DRIFT_MPS2: Final = 0.3
 """Speed times the doubt of the gyro's bias: a turn that is none."""
 
 
-class Carrier:
+class Platform:
     """A profile that is given, or that is found from how the body moves.
 
     Parameters
@@ -32,7 +28,7 @@ class Carrier:
     Attributes
     ----------
     profile : {"free", "vehicle", "walker"}
-    pace : Pace
+    step_detector : StepDetector
         Takes every step of the filters.
     turned_rad : float
         To the right since the start, by the gyro alone: a heading that is found is no
@@ -40,11 +36,11 @@ class Carrier:
     """
 
     def __init__(self, profile: str) -> None:
-        self._judge = ProfileJudge() if profile == "auto" else None
+        self._classifier = ProfileClassifier() if profile == "auto" else None
         self.profile = "free" if profile == "auto" else profile
         self.turned_rad = 0.0
         self._seen_ns, self._seen_rad = 0, 0.0
-        self.pace = Pace()
+        self.step_detector = StepDetector()
 
     @property
     def is_vehicle(self) -> bool:
@@ -61,14 +57,14 @@ class Carrier:
         """Its own acceleration, (m/s^2)^2/Hz, while nothing measures it."""
         return UNKNOWN_ACCEL_PSD[self.profile]
 
-    def recall(self, profile: object) -> bool:
+    def load_prior(self, profile: object) -> bool:
         """Take a vehicle that an earlier run found; return whether that is news."""
-        if self._judge is None or profile != "vehicle":
+        if self._classifier is None or profile != "vehicle":
             return False
-        self._judge.profile = self.profile = "vehicle"
+        self._classifier.profile = self.profile = "vehicle"
         return True
 
-    def observe(self, eskf: Eskf, level_q: Quat, *, is_aligned: bool) -> None:
+    def add_motion(self, eskf: Eskf, level_q: Quat, *, is_aligned: bool) -> None:
         """See how it moved since the last call, a second ago.
 
         After a longer time, in the dark or at rest, nothing is said: the lean of an
@@ -83,7 +79,7 @@ class Carrier:
         is_aligned : bool
             Whether the heading is known.
         """
-        if self._judge is None:
+        if self._classifier is None:
             return
         t_ns, speed_mps = eskf.nominal.t_ns, math.hypot(*eskf.nominal.v_n[:2])
         period_s = (t_ns - self._seen_ns) * 1e-9
@@ -93,17 +89,17 @@ class Carrier:
             return
         drift_mps2 = speed_mps * math.sqrt(eskf.down_bias[1])
         knows_turns = is_aligned and drift_mps2 < MOST_DRIFT_MPS2
-        self._judge.observe(
+        self._classifier.add_motion(
             period_s,
             speed_mps,
             turn_rad,
             lean_right(eskf, level_q) if knows_turns else None,
-            is_stepping=self.pace.is_stepping,
+            is_stepping=self.step_detector.is_stepping,
         )
 
-    def take_change(self) -> bool:
+    def adopt_found_profile(self) -> bool:
         """Let what was found by now hold; return whether it is news."""
         before = self.profile
-        if self._judge is not None:
-            self.profile = self._judge.profile
+        if self._classifier is not None:
+            self.profile = self._classifier.profile
         return self.profile != before

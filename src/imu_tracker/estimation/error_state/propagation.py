@@ -5,17 +5,26 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.constraints.schedule import Behaviour
-from imu_tracker.estimation.error_state.filter import Eskf, Nominal
+from imu_tracker.estimation.error_state.constraints.schedule import MotionConstraints
+from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.mechanisation import Nominal
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.states import (
     ATTITUDE,
     N_ERRORS,
     POSITION,
     RECEIVER,
     VELOCITY,
+)
+from imu_tracker.estimation.tuning import (
+    ANY_HEIGHT_VAR,
+    ANY_SPEED_MPS,
+    SILENT_SLOPE_RAD,
+    SILENT_TURN_CORRELATION_S,
+    UNKNOWN_ANGLE_VAR,
+    UNOBSERVED_TURN_RADPS,
 )
 from imu_tracker.geometry.geodesy import FRAME_RADIUS_M, LocalFrame, gravity_mps2
 from imu_tracker.motion.preintegration import ImuStep
@@ -25,15 +34,7 @@ STRETCH_S: Final = 0.1
 """Errors grow, and constraints are applied, in stretches of three steps: in 0.12 s a
 car turns by 5 deg at most."""
 
-ANY_SPEED_VAR: Final = 20.0**2
-ANY_HEIGHT_VAR: Final = 100.0**2
-
-SILENT_TURN_RADPS: Final = 0.1
-SILENT_TURN_LASTS_S: Final = 5.0
-SILENT_SLOPE_RAD: Final = 0.1
-UNKNOWN_ANGLE_VAR: Final = math.pi**2 / 3.0
-"""While the IMU is silent a body turns so fast, one corner after another; a vehicle
-gets no further from level than slopes do. Any angle at all has the last variance."""
+ANY_SPEED_VAR: Final = ANY_SPEED_MPS**2
 
 
 class Propagation:
@@ -43,7 +44,7 @@ class Propagation:
     ----------
     bank : NoiseBank
     alignment : Alignment
-    carrier : Carrier
+    platform : Platform
 
     Attributes
     ----------
@@ -51,17 +52,19 @@ class Propagation:
         Where the filters' positions are counted from; it goes along.
     rest : Rest or None
         At the end of the last step.
-    dark_s : float
+    outage_s : float
         Since the last fix that was used.
     """
 
-    def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
-        self._bank, self._alignment, self._carrier = bank, alignment, carrier
-        self._behaviour = Behaviour(bank, alignment, carrier)
+    def __init__(
+        self, bank: NoiseBank, alignment: Alignment, platform: Platform
+    ) -> None:
+        self._bank, self._alignment, self._platform = bank, alignment, platform
+        self._constraints = MotionConstraints(bank, alignment, platform)
         self._stretch_s = self._silent_s = 0.0
         self.frame = LocalFrame.at(0.0, 0.0)
         self.rest: Rest | None = None
-        self.dark_s = 0.0
+        self.outage_s = 0.0
 
     @property
     def is_predicted(self) -> bool:
@@ -71,12 +74,12 @@ class Propagation:
     @property
     def is_imu_silent(self) -> bool:
         """Whether the IMU has said nothing for seconds."""
-        return self._silent_s > SILENT_TURN_LASTS_S
+        return self._silent_s > SILENT_TURN_CORRELATION_S
 
     @property
-    def behaviour(self) -> Behaviour:
+    def constraints(self) -> MotionConstraints:
         """What the body is known to do."""
-        return self._behaviour
+        return self._constraints
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
@@ -90,36 +93,36 @@ class Propagation:
             eskf.set_variances(VELOCITY, [ANY_SPEED_VAR, ANY_SPEED_VAR, 1.0])
             eskf.receiver_ne_m = (0.0, 0.0)
             eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
-        self.dark_s = 0.0
+        self.outage_s = 0.0
         self._alignment.start()
 
     # ------------------------------------------------------------------------ steps
 
-    def take(self, step: ImuStep, rest: Rest | None) -> None:
+    def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Take a step into the filters; `rest` when the body stands still."""
         alignment = self._alignment
         self.rest = rest
-        self._carrier.pace.add(step)
+        self._platform.step_detector.add_step(step)
         if not alignment.is_level:
-            alignment.level(step)
+            alignment.add_levelling_step(step)
         use_force = alignment.can_use_force(rest)
         for eskf in self._bank.filters:
             eskf.propagate(step, use_force=use_force)
-        if alignment.agnostic is not None:
-            alignment.agnostic.propagate(step, use_force=rest is not None)
+        if alignment.course_free is not None:
+            alignment.course_free.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
         if step.is_gap:
-            self._bear_silence(step.dt_s)
+            self._inflate_over_imu_gap(step.dt_s)
         elif step.is_saturated:
             # A reading that was clipped may be off by as much as it says.
             turned_var = sum(x * x for x in step.dtheta_b_rad)
-            self._doubt(turned_var, sum(x * x for x in step.dv_b_mps))
+            self._inflate(turned_var, sum(x * x for x in step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
             self.predict()
-            self.dark_s += self._stretch_s
+            self.outage_s += self._stretch_s
             if not step.is_gap:
-                self._behaviour.apply(rest, self._stretch_s, self.dark_s)
+                self._constraints.apply(rest, self._stretch_s, self.outage_s)
             if math.hypot(*self._bank.main.nominal.p_n[:2]) > FRAME_RADIUS_M:
                 self._move_frame()
             self._stretch_s = 0.0
@@ -129,19 +132,19 @@ class Propagation:
         if self._stretch_s <= 0.0:
             return
         alignment, rest = self._alignment, self.rest
-        alignment.observe_stretch()
+        alignment.add_stretch()
         _, stretch_s = self._bank.main.stretch
         use_force = alignment.can_use_force(rest)
-        unknown = 0.0 if use_force else self._carrier.unknown_accel_psd
+        unknown = 0.0 if use_force else self._platform.unknown_accel_psd
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
-        self._carrier.turned_rad += self._bank.main.rate_n[2] * stretch_s
-        if alignment.agnostic is not None:
+        self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
+        if alignment.course_free is not None:
             rests = rest is not None
-            unknown = 0.0 if rests else self._carrier.unknown_accel_psd
-            alignment.agnostic.predict(use_force=rests, unknown_accel_psd=unknown)
+            unknown = 0.0 if rests else self._platform.unknown_accel_psd
+            alignment.course_free.predict(use_force=rests, unknown_accel_psd=unknown)
 
-    def _bear_silence(self, dt_s: float) -> None:
+    def _inflate_over_imu_gap(self, dt_s: float) -> None:
         """Let the body have moved while the IMU said nothing.
 
         Notes
@@ -149,17 +152,17 @@ class Propagation:
         A rate that lasts: the angle's variance is (r t)^2 at first, and grows by
         2 r^2 T a second once t > T. Without the forces `predict` has let it speed up.
         """
-        carrier = self._carrier
-        lasted_s = min(self._silent_s, SILENT_TURN_LASTS_S)
-        turned_var = 2.0 * SILENT_TURN_RADPS**2 * lasted_s * dt_s
-        needs_doubt = self._alignment.can_use_force(None)
-        sped_var = carrier.unknown_accel_psd * dt_s if needs_doubt else 0.0
-        if self._silent_s > SILENT_TURN_LASTS_S:
-            self._behaviour.forget_gait()
-        most = SILENT_SLOPE_RAD**2 if carrier.is_vehicle else UNKNOWN_ANGLE_VAR
-        self._doubt(turned_var, sped_var, most)
+        platform = self._platform
+        lasted_s = min(self._silent_s, SILENT_TURN_CORRELATION_S)
+        turned_var = 2.0 * UNOBSERVED_TURN_RADPS**2 * lasted_s * dt_s
+        needs_inflation = self._alignment.can_use_force(None)
+        sped_var = platform.unknown_accel_psd * dt_s if needs_inflation else 0.0
+        if self._silent_s > SILENT_TURN_CORRELATION_S:
+            self._constraints.reset_gait()
+        most = SILENT_SLOPE_RAD**2 if platform.is_vehicle else UNKNOWN_ANGLE_VAR
+        self._inflate(turned_var, sped_var, most)
 
-    def _doubt(
+    def _inflate(
         self,
         angle_var: float,
         speed_var: float,
@@ -184,13 +187,13 @@ class Propagation:
         north, east, _ = self._bank.main.nominal.p_n
         lat, lon = self.frame.to_lat_lon(north, east)
         self.frame = LocalFrame.at(lat, lon)
-        agnostic = self._alignment.agnostic
-        self._alignment.moved(north, east)
+        course_free = self._alignment.course_free
+        self._alignment.shift_origin(north, east)
         for eskf in self._bank.filters:
             _shift(eskf, -north, -east)
             eskf.gravity_mps2 = gravity_mps2(lat)
-        if agnostic is not None:
-            _shift(agnostic, -north, -east)
+        if course_free is not None:
+            _shift(course_free, -north, -east)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:

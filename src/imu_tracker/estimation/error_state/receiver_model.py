@@ -1,8 +1,8 @@
-"""What a fix says of the errors, and how far this receiver is to be believed.
+"""A fix as a measurement of the errors, and the noise of this receiver.
 
-The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty votes. The
-lasting part of a receiver's error is a state of the filter; what is left counts once
-a second, at any rate of fixes.
+The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty
+independent measurements. The lasting part of a receiver's error is a state of the
+filter; the rest is white from second to second, at any rate of fixes.
 """
 
 import math
@@ -15,71 +15,42 @@ from imu_tracker.estimation.error_state.hypotheses.receiver_alone import FixNois
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     N_ERRORS,
+    P_D,
     POSITION,
     RECEIVER,
+    V_D,
     VELOCITY,
     VELOCITY_DELAY,
     Array,
+)
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
+from imu_tracker.estimation.tuning import (
+    ACCEL_OVER_S,
+    ALTITUDE_CORRELATION_S,
+    ALTITUDE_FACTOR,
+    BEST_LASTING_SIGMA_M,
+    LASTING_VAR_SHARE,
+    MAX_NIS_LEVEL,
+    MIN_NIS_LEVEL,
+    NOISE_LEARNING_S,
+    PAUSE_S,
+    RESTING_CORRELATION_S,
+    SOFT_GATE_NIS,
+    VELOCITY_CEILING_MPS,
+    VELOCITY_CORRELATION_S,
+    VELOCITY_FLOOR_MPS,
+    VELOCITY_LATE_S,
+    VELOCITY_LEARNING_S,
+    VELOCITY_SMEAR_S,
+    VELOCITY_START_MPS,
 )
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import rotate
 from imu_tracker.samples import GpsFix, Vec3
 
-LASTING_VAR_SHARE: Final = 0.9
-"""Of the receiver's variance: what lasts for a minute. A receiver filters its fixes;
-what is new with each second is a third of its sigma."""
-
-BEST_LASTING_SIGMA_M: Final = 0.5
-"""Per axis under the best sky without corrections: air and orbits. No scatter shows
-it, so that no quiet receiver is believed beyond this unless it says so itself."""
-
-ALTITUDE_FACTOR: Final = 2.0
-"""Vertical against horizontal error of a receiver: its satellites are all above."""
-
-ALTITUDE_VOTES: Final = 10.0
-"""Its lasting error has no state: altitudes of so many seconds count as one."""
-
-RESTING_LASTS_S: Final = 30.0
-"""What is reflected to an antenna that stands changes with the satellites alone: at
-rest the fixes of so long count as one. A parked tracker draws no star."""
-
 RESOLUTION_M: Final = 0.01
 TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
-
-VELOCITY_FLOOR_MPS: Final = 0.1
-VELOCITY_START_MPS: Final = 0.2
-VELOCITY_CEILING_MPS: Final = 1.0
-"""Error of a Doppler velocity per axis: at best, before it is known, and when a
-receiver differentiates positions; never so large that it counts for nothing."""
-
-VELOCITY_LASTS_S: Final = 4.0
-"""Errors of a Doppler velocity are the satellites' and the filter's, and last so
-long: velocities of so many seconds are one."""
-
-LATE_S: Final = 1.0
-"""Receivers that smooth their velocities tell them late by a varying second: that is no
-fault of the filter's."""
-
-ACCEL_OVER_S: Final = 0.8
-LONGEST_S: Final = 10.0
-"""Over less than about a second a velocity's noise passes for acceleration; over a long
-silence everything averages to nothing."""
-
-VELOCITY_SMEAR_S: Final = 0.1
-"""A receiver's velocity is a mean over a tenth of a second or more, and its filter
-does not lag alike in each manoeuvre."""
-
-LEARNING_S: Final = 30.0
-NOISE_LEARNING_S: Final = 8.0
-"""How fast trust follows the innovations."""
-
-MIN_NIS_LEVEL: Final = 0.05
-MAX_NIS_LEVEL: Final = 36.0
-"""A receiver's word on its noise is believed to be wrong by four downwards (HDOP knows
-nothing of the receiver), by six upwards (nor of walls that reflect)."""
-
-_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
 
 
 class FixGeometry(NamedTuple):
@@ -94,8 +65,6 @@ class ReceiverModel:
 
     Attributes
     ----------
-    period_s : float
-        Between fixes.
     accel_mps2 : float or None
         Change of its velocity within the last seconds, the larger of two; None: not
         known, or it tells no velocity.
@@ -106,34 +75,34 @@ class ReceiverModel:
         Whether the antenna stands still, by the word of the IMU.
     """
 
-    def __init__(self) -> None:
-        self.period_s = 1.0
+    def __init__(self, period: FixPeriod) -> None:
+        self._period = period
         self.velocity_var = VELOCITY_START_MPS**2
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
-        self._fix_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
 
     @property
-    def votes(self) -> float:
+    def period_s(self) -> float:
+        """Mean time between fixes."""
+        return self._period.mean_s
+
+    @property
+    def correlation_factor(self) -> float:
         """Fixes that count as one: those of a second, or of a rest."""
-        lasts_s = RESTING_LASTS_S if self.is_resting else 1.0
+        lasts_s = RESTING_CORRELATION_S if self.is_resting else 1.0
         return max(1.0, lasts_s / self.period_s)
 
     @property
-    def velocity_votes(self) -> float:
+    def velocity_correlation_factor(self) -> float:
         """Velocities that count as one."""
-        return max(1.0, VELOCITY_LASTS_S / self.period_s)
+        return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
-    def observe(self, fix: GpsFix) -> None:
+    def add_fix(self, fix: GpsFix) -> None:
         """Learn how often fixes come, and how their velocity changes."""
-        if self._fix_ns is not None:
-            period_s = (fix.t_ns - self._fix_ns) * 1e-9
-            if 0.0 < period_s < 10.0:
-                self.period_s += 0.1 * (period_s - self.period_s)
-        self._fix_ns = fix.t_ns
+        self._period.add_fix(fix)
         if fix.vel_ne_mps is None:
             self.accel_mps2 = self._vel = None
             return
@@ -141,7 +110,7 @@ class ReceiverModel:
         if self._vel is None:
             self._vel = now
         dt_s = (now[0] - self._vel[0]) * 1e-9
-        if dt_s > LONGEST_S:
+        if dt_s > PAUSE_S:
             self._vel, self.accel_mps2, self._last_accel_mps2 = now, None, 0.0
         elif dt_s > ACCEL_OVER_S:
             change_mps = math.hypot(now[1] - self._vel[1], now[2] - self._vel[2])
@@ -166,8 +135,8 @@ class ReceiverModel:
             The same fix for a hypothesis with an IMU.
         """
         lasting_var = max(self.nis_level, 1.0) * fix.sigma_h_m**2
-        late_var = (LATE_S * (self.accel_mps2 or 0.0)) ** 2
-        velocity_var = self.velocity_var * self.velocity_votes
+        late_var = (VELOCITY_LATE_S * (self.accel_mps2 or 0.0)) ** 2
+        velocity_var = self.velocity_var * self.velocity_correlation_factor
         return FixNoise(float(position.R[0, 0]), velocity_var, lasting_var, late_var)
 
     def position(
@@ -201,7 +170,9 @@ class ReceiverModel:
         timing = RESOLUTION_M**2 + TIMING_SIGMA_S**2 * (vn * vn + ve * ve)
         # Carried over a time of which the acceleration is not known exactly.
         carried = (0.5 * max(abs(after_s) - 0.05, 0.0) ** 2) ** 2
-        return Measurement(z, H, np.eye(2) * (white * self.votes + timing + carried))
+        return Measurement(
+            z, H, np.eye(2) * (white * self.correlation_factor + timing + carried)
+        )
 
     def velocity(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -223,7 +194,7 @@ class ReceiverModel:
         H[:, VELOCITY] = np.eye(2, 3)
         H[:, VELOCITY_DELAY] = (an, ae)
         smeared_var = VELOCITY_SMEAR_S**2 * (an * an + ae * ae)
-        variance = self.velocity_var * self.velocity_votes + smeared_var
+        variance = self.velocity_var * self.velocity_correlation_factor + smeared_var
         return Measurement(z, H, np.eye(2) * variance)
 
     def altitude(self, eskf: Eskf, fix: GpsFix, origin_m: float | None) -> Measurement:
@@ -235,29 +206,29 @@ class ReceiverModel:
         """
         H = np.zeros((1, N_ERRORS))
         if fix.alt_m is None or origin_m is None:
-            H[0, 5] = 1.0
+            H[0, V_D] = 1.0
             return Measurement(np.array([-eskf.nominal.v_n[2]]), H, np.eye(1))
-        H[0, 2] = 1.0
+        H[0, P_D] = 1.0
         z = np.array([origin_m - fix.alt_m - eskf.nominal.p_n[2]])
         variance = (ALTITUDE_FACTOR * fix.sigma_h_m) ** 2
-        votes = max(1.0, ALTITUDE_VOTES / self.period_s)
-        return Measurement(z, H, np.eye(1) * variance * votes)
+        factor = max(1.0, ALTITUDE_CORRELATION_S / self.period_s)
+        return Measurement(z, H, np.eye(1) * variance * factor)
 
-    def forget_noise(self) -> None:
+    def reset_noise(self) -> None:
         """Take the receiver at its word: what was learnt came from a wrong filter."""
         self.nis_level, self.velocity_var = 1.0, VELOCITY_START_MPS**2
 
-    def learn_position(self, nis: float) -> None:
+    def learn_position_noise(self, nis: float) -> None:
         """Follow how true the receiver's claim is: E[NIS] = 2."""
         forget = min(0.5 * self.period_s / NOISE_LEARNING_S, 0.2)
         level = self.nis_level * (1.0 + forget * (0.5 * min(nis, 25.0) - 1.0))
         self.nis_level = min(max(level, MIN_NIS_LEVEL), MAX_NIS_LEVEL)
 
-    def learn_velocity(self, z: Array, predicted: Array) -> None:
+    def learn_velocity_noise(self, z: Array, predicted: Array) -> None:
         """Follow the scatter of the velocities: E[z z'] = H P H' + R."""
         scatter = 0.5 * float(z @ z - predicted.trace())
-        forget = min(self.period_s / LEARNING_S, 0.2)
-        limited = min(max(scatter, 0.0), _SOFT_NIS * self.velocity_var)
+        forget = min(self.period_s / VELOCITY_LEARNING_S, 0.2)
+        limited = min(max(scatter, 0.0), SOFT_GATE_NIS * self.velocity_var)
         variance = self.velocity_var + forget * (limited - self.velocity_var)
         self.velocity_var = min(
             max(variance, VELOCITY_FLOOR_MPS**2), VELOCITY_CEILING_MPS**2
@@ -274,17 +245,21 @@ def geometry_of(eskf: Eskf, lever_b_m: Vec3, *, has_yaw: bool) -> FixGeometry:
     return FixGeometry(lever, swing)
 
 
-def soft(measured: Measurement, S: Array) -> Measurement:
+def soft_gated(measured: Measurement, S: Array) -> Measurement:
     """A wild velocity weighs little, but never nothing."""
     z, H, R = measured
     nis = float(z @ np.linalg.solve(S, z))
-    return measured if nis <= _SOFT_NIS else Measurement(z, H, R * (nis / _SOFT_NIS))
+    return (
+        measured
+        if nis <= SOFT_GATE_NIS
+        else Measurement(z, H, R * (nis / SOFT_GATE_NIS))
+    )
 
 
-def soft_1d(measured: Measurement, S: Array) -> Measurement:
+def soft_gated_1d(measured: Measurement, S: Array) -> Measurement:
     """The same of a single number, beyond 3 sigma."""
     z, H, R = measured
-    excess = float(z[0]) ** 2 / _SOFT_NIS - float(S[0, 0])
+    excess = float(z[0]) ** 2 / SOFT_GATE_NIS - float(S[0, 0])
     return measured if excess <= 0.0 else Measurement(z, H, R + excess)
 
 

@@ -12,16 +12,29 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.tuning import (
+    GYRO_BIAS_SIGMA_RADPS,
+    GYRO_DRIFT_PSD,
+    LEVELLING_SIGMA_RAD,
+    RECEIVER_CORRELATION_S,
+)
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.samples import Quat, Vec3
 
 Array = NDArray[np.float64]
+
+P_N, P_E, P_D = 0, 1, 2  # p_n, m
+V_N, V_E, V_D = 3, 4, 5  # v_n, m/s
+TILT_N, TILT_E, YAW_D = 6, 7, 8  # theta_n, rad
+RECEIVER_N, RECEIVER_E = 17, 18
 
 POSITION: Final = slice(0, 3)  # p_n, m
 VELOCITY: Final = slice(3, 6)  # v_n, m/s
 ATTITUDE: Final = slice(6, 9)  # theta_n, rad
 TILT: Final = slice(6, 8)
 YAW: Final = slice(8, 9)
+MOTION: Final = slice(0, 6)  # position and velocity
+ORIENTATION: Final = slice(6, 15)  # attitude and both biases: what bends the force
 GYRO_BIAS: Final = slice(9, 12)  # b_g, body axes, rad/s
 ACCEL_BIAS: Final = slice(12, 15)  # b_a, body axes, m/s^2
 MOUNT_PITCH: Final = 15  # rad, about vehicle y: true C_vb = (I + [mu x]) C_vb
@@ -62,8 +75,6 @@ ACCEL_NOISE_PSD: Final = 0.02**2
 """(m/s^2)^2/Hz: the datasheet's 0.004, five times over: scale errors of what the
 vehicle does, and steps of 40 ms."""
 
-GYRO_DRIFT_PSD: Final = math.radians(0.002) ** 2
-"""(rad/s)^2 per s: 0.1 deg/s in an hour, by temperature."""
 
 ACCEL_DRIFT_PSD: Final = 0.0005**2
 """(m/s^2)^2 per s: 3 mg in an hour, by six kelvins (PS-MPU-6000A section 6.2: 35 mg
@@ -81,12 +92,9 @@ WHEEL_SCALE_SIGMA: Final = 0.01
 WHEEL_DRIFT_PSD: Final = 0.005**2 / 600.0
 """1/s: tyres warm up in ten minutes and grow with speed, by half a per cent."""
 
-RECEIVER_CORRELATION_S: Final = 60.0
-"""Air, orbits and reflections change a receiver's error in so long."""
-
 START_SIGMA: Final = (
-    (ATTITUDE, 0.2),  # levelled from one second of a moving body: 2 m/s^2 over g
-    (GYRO_BIAS, math.radians(3.0)),  # boards at 2 to 4 deg/s are common
+    (ATTITUDE, LEVELLING_SIGMA_RAD),
+    (GYRO_BIAS, GYRO_BIAS_SIGMA_RADPS),
     (ACCEL_BIAS, 0.4),  # PS-MPU-6000A section 6.2: 50, 50, 80 mg
     (slice(DELAY, DELAY + 1), 0.4),  # receivers: 0.05 to 1.2 s
     (slice(VELOCITY_DELAY, VELOCITY_DELAY + 1), 0.4),
@@ -149,15 +157,17 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_n_rad: Vec3) -> Array:
     C_nb = matrix(q_nb)
     C_dt = C_nb * dt_s
     F_v = skew(dv_n)
-    F[3:6, 6:9] = -F_v
-    F[3:6, 12:15] = -C_dt
-    F[3:6, 9:12] = 0.5 * (F_v @ C_dt)
-    F[0:3, 6:15] = (0.5 * dt_s) * F[3:6, 6:15]
-    F[0, 3] = F[1, 4] = F[2, 5] = dt_s
-    F[6:9, 9:12] = -C_dt
+    F[VELOCITY, ATTITUDE] = -F_v
+    F[VELOCITY, ACCEL_BIAS] = -C_dt
+    F[VELOCITY, GYRO_BIAS] = 0.5 * (F_v @ C_dt)
+    F[POSITION, ORIENTATION] = (0.5 * dt_s) * F[VELOCITY, ORIENTATION]
+    F[P_N, V_N] = F[P_E, V_E] = F[P_D, V_D] = dt_s
+    F[ATTITUDE, GYRO_BIAS] = -C_dt
     turn_b = turn_n_rad @ C_nb
-    F[6:9, GYRO_GAIN] = (C_nb[:, None, :] * turn_b[:, None]).reshape(3, 9)
-    F[17, 17] = F[18, 18] = math.exp(-dt_s / RECEIVER_CORRELATION_S)
+    F[ATTITUDE, GYRO_GAIN] = (C_nb[:, None, :] * turn_b[:, None]).reshape(3, 9)
+    F[RECEIVER_N, RECEIVER_N] = F[RECEIVER_E, RECEIVER_E] = math.exp(
+        -dt_s / RECEIVER_CORRELATION_S
+    )
     return F
 
 
@@ -181,18 +191,19 @@ def process_noise(
         Whether there is a mounting that may change.
     """
     q = np.zeros(N_ERRORS)
-    q[0:3] = accel_psd * dt_s**3 / 3.0
-    q[3:6] = accel_psd * dt_s
-    q[6:9] = gyro_psd * dt_s
-    q[9:12] = GYRO_DRIFT_PSD * dt_s
-    q[12:15] = ACCEL_DRIFT_PSD * dt_s
+    q[POSITION] = accel_psd * dt_s**3 / 3.0
+    q[VELOCITY] = accel_psd * dt_s
+    q[ATTITUDE] = gyro_psd * dt_s
+    q[GYRO_BIAS] = GYRO_DRIFT_PSD * dt_s
+    q[ACCEL_BIAS] = ACCEL_DRIFT_PSD * dt_s
     if is_vehicle:
         q[MOUNT_PITCH] = q[MOUNT_YAW] = MOUNT_DRIFT_PSD * dt_s
     decay = math.exp(-2.0 * dt_s / RECEIVER_CORRELATION_S)
-    q[17:19] = receiver_var * (1.0 - decay)
+    q[RECEIVER] = receiver_var * (1.0 - decay)
     q[DELAY] = q[VELOCITY_DELAY] = DELAY_DRIFT_PSD * dt_s
     q[WHEEL_SCALE] = WHEEL_DRIFT_PSD * dt_s
     Q = np.diag(q)
     cross = accel_psd * dt_s**2 / 2.0
-    Q[0, 3] = Q[3, 0] = Q[1, 4] = Q[4, 1] = Q[2, 5] = Q[5, 2] = cross
+    for p, v in ((P_N, V_N), (P_E, V_E), (P_D, V_D)):
+        Q[p, v] = Q[v, p] = cross
     return Q

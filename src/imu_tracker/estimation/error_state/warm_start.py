@@ -1,4 +1,4 @@
-"""What outlasts a run, and how far it is still to be believed at the next start.
+"""What outlasts a run, and its uncertainty at the next start.
 
 A chip has its biases tomorrow as well, and a box sits in its car as it sat. But
 temperature, time and hands move them: each value is kept with its standard deviation,
@@ -11,25 +11,30 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.filter import Eskf, GyroGain, Measurement
+from imu_tracker.estimation.error_state.filter import Eskf, Measurement
+from imu_tracker.estimation.error_state.mechanisation import GyroGain
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_DRIFT_PSD,
     AXLE,
     DELAY,
     GYRO_BIAS,
-    GYRO_DRIFT_PSD,
     GYRO_GAIN,
     MOUNT_DRIFT_PSD,
     MOUNT_PITCH,
     MOUNT_YAW,
     N_ERRORS,
+    POSITION,
+    RECEIVER,
     VELOCITY_DELAY,
+    YAW,
 )
+from imu_tracker.estimation.tuning import GYRO_DRIFT_PSD, ODD_MOUNTING_RAD
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import conjugate, rotate
 from imu_tracker.motion.vibration import Levels
 from imu_tracker.samples import GpsFix, Quat, Vec3
+from imu_tracker.wheels.orders import KeptWheels
 
 DRIFTING_S: Final = 3600.0
 """Biases wander for an hour; what they do beyond that the thermometer tells."""
@@ -56,8 +61,6 @@ GYRO_GAIN_GROWTH: Final = 0.003
 AXLE_GROWTH_M: Final = 0.3
 """The seat, the shelf: where it was put down."""
 
-REMOUNTED_RAD: Final = math.radians(20.0)
-"""A car never stands so steep: it is the box that was turned."""
 
 FRESH_S: Final = 600.0
 """Nobody puts a box into another car and drives off within so short a time."""
@@ -67,6 +70,10 @@ PARKED_SIGMAS: Final = 3.0
 PARKED_YAW_SIGMA_RAD: Final = math.radians(3.0)
 """A car that was not moved lies as it lay, to what its load and springs change, where
 it was; it may yet have been driven away and parked again."""
+
+WHEELS_GROWTH: Final = 0.007
+"""Of the circumference: cold tyres, pressure, load; worn or other tyres of the same
+size. Wheels that differ by more are found to be others."""
 
 
 class Place(NamedTuple):
@@ -80,7 +87,7 @@ class Place(NamedTuple):
     is_at_rest: bool
 
 
-class Learnt(NamedTuple):
+class LearnedParameters(NamedTuple):
     """What a run learnt, in body axes; sigmas are standard deviations."""
 
     profile: str
@@ -103,22 +110,25 @@ class Learnt(NamedTuple):
     utc_s: float | None = None
     place: Place | None = None
     still_levels: Levels = ()
+    wheels: KeptWheels | None = None
 
 
-class Since(NamedTuple):
+class Downtime(NamedTuple):
     """What happened between two runs; None: nobody knows."""
 
     elapsed_s: float | None
     warmer_k: float | None
 
 
-def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> Learnt:
+def learned_from(
+    eskf: Eskf, *, profile: str, noise_level: int, shift_s: float
+) -> LearnedParameters:
     """Collect what outlasts a run; `shift_s` is the delay that was folded away."""
     gx, gy, gz = (eskf.sigma(i) for i in range(GYRO_BIAS.start, GYRO_BIAS.stop))
     ax, ay, az = (eskf.sigma(i) for i in range(ACCEL_BIAS.start, ACCEL_BIAS.stop))
     gain = (eskf.sigma(i) for i in range(GYRO_GAIN.start, GYRO_GAIN.stop))
     xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
-    return Learnt(
+    return LearnedParameters(
         profile=profile,
         noise_level=noise_level,
         gyro_bias_radps=eskf.gyro_bias_radps,
@@ -138,7 +148,16 @@ def learnt_of(eskf: Eskf, *, profile: str, noise_level: int, shift_s: float) -> 
     )
 
 
-def grown(learnt: Learnt, since: Since) -> Learnt:
+def place_of(eskf: Eskf, frame: LocalFrame, *, is_at_rest: bool) -> Place:
+    """Return where the filter is, and its attitude, with their sigmas."""
+    lat_rad, lon_rad = frame.to_lat_lon(*eskf.nominal.p_n[:2])
+    sigma_m = math.hypot(eskf.sigma(POSITION.start), eskf.sigma(RECEIVER.start))
+    yaw_sigma_rad = eskf.sigma(YAW.start)
+    q_nb = eskf.nominal.q_nb
+    return Place(lat_rad, lon_rad, sigma_m, q_nb, yaw_sigma_rad, is_at_rest)
+
+
+def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
     """Return the same with the doubts that time and temperature have brought.
 
     Notes
@@ -164,7 +183,13 @@ def grown(learnt: Learnt, since: Since) -> Learnt:
     xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
     pitch, yaw = learnt.mounting_sigma_rad
     hypot = math.hypot
+    wheels = learnt.wheels
+    if wheels is not None:
+        growth_m = WHEELS_GROWTH * wheels.circumference_m
+        sigma_m = hypot(wheels.circumference_sigma_m, growth_m)
+        wheels = wheels._replace(circumference_sigma_m=sigma_m)
     return learnt._replace(
+        wheels=wheels,
         gyro_bias_sigma_radps=(hypot(gx, gyro), hypot(gy, gyro), hypot(gz, gyro)),
         accel_bias_sigma_mps2=(hypot(ax, accel), hypot(ay, accel), hypot(az, accel)),
         mounting_sigma_rad=(hypot(pitch, mounting), hypot(yaw, mounting)),
@@ -175,12 +200,12 @@ def grown(learnt: Learnt, since: Since) -> Learnt:
     )
 
 
-def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
+def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -> None:
     """Take over what an earlier run learnt, doubts grown already.
 
     Notes
     -----
-    Biases and scale are measured by the memory, z = learnt - believed, so that what
+    Biases and scale are measured by the memory, z = learnt - estimate, so that what
     the filter has found out since its start, and the tilt that goes with it, keeps its
     weight. The mounting is taken over outright: it may be turned by any angle.
     """
@@ -202,25 +227,17 @@ def begin_with(eskf: Eskf, learnt: Learnt, *, takes_mounting: bool) -> None:
         *learnt.accel_bias_sigma_mps2,
         *learnt.gyro_gain_sigma,
     )
-    eskf.apply(Measurement(z, H, np.diag(np.square(sigmas))))
+    eskf.update(Measurement(z, H, np.diag(np.square(sigmas))))
     if takes_mounting and learnt.q_vb is not None:
         eskf.q_vb, eskf.axle_m = learnt.q_vb, learnt.axle_m
         pitch, yaw = learnt.mounting_sigma_rad
         _set_sigmas(
             eskf, {MOUNT_PITCH: pitch, MOUNT_YAW: yaw, AXLE: learnt.axle_sigma_m}
         )
-
-
-def begin_with_latency(eskf: Eskf, learnt: Learnt) -> None:
-    """Take over the delays, once the instants of the fixes are moved by the first."""
+    # The instants of the fixes were moved by the position's delay already.
     eskf.velocity_delay_s = learnt.velocity_latency_s - learnt.latency_s
-    _set_sigmas(
-        eskf,
-        {
-            DELAY: learnt.latency_sigma_s,
-            VELOCITY_DELAY: learnt.velocity_latency_sigma_s,
-        },
-    )
+    delays = learnt.latency_sigma_s, learnt.velocity_latency_sigma_s
+    _set_sigmas(eskf, dict(zip((DELAY, VELOCITY_DELAY), delays, strict=True)))
 
 
 def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
@@ -233,15 +250,17 @@ def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
     eskf.P = P
 
 
-def is_remounted(learnt: Learnt, level_q: Quat) -> bool:
+def is_remounted(learnt: LearnedParameters, level_q: Quat) -> bool:
     """Whether the vehicle would lie as no road does: gravity against the mounting."""
     if learnt.q_vb is None:
         return False
     down_b = rotate(conjugate(level_q), (0.0, 0.0, 1.0))
-    return angle_to_down(rotate(learnt.q_vb, down_b)) > REMOUNTED_RAD
+    return angle_to_down(rotate(learnt.q_vb, down_b)) > ODD_MOUNTING_RAD
 
 
-def is_parked(learnt: Learnt, since: Since, level_q: Quat, fix: GpsFix | None) -> bool:
+def is_parked(
+    learnt: LearnedParameters, since: Downtime, level_q: Quat, fix: GpsFix | None
+) -> bool:
     """Whether everything looks as it was left: then the heading is known."""
     place = learnt.place
     if place is None or not place.is_at_rest or fix is None:

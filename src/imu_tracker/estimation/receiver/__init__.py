@@ -4,4 +4,4 @@ In: `GpsFix` with arrival times. Out: instants in UTC, accepted or rejected fixe
 of a receiver that is late or spoofed. Not here: sentences (`sensors/gnss/`).
 """
 
-__all__ = ["backlog", "gate", "innovations", "spoofing", "utc"]
+__all__ = ["backlog", "fix_period", "gate", "innovations", "spoofing", "utc"]

@@ -5,21 +5,14 @@ R grows. Innovations that keep to one side are the filter's error: P grows (`fad
 and it follows the receiver.
 """
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
+from imu_tracker.estimation.tuning import SIX_MAX_FADING, SIX_MAX_NIS_LEVEL
 from imu_tracker.samples import GpsFix
 
 Array = NDArray[np.float64]
-
-MAX_NIS_LEVEL: Final = 9.0
-"""A receiver's own word on its noise is believed to be wrong by three at most; beyond
-that it is the filter that is wrong."""
-
-MAX_FADING: Final = 4.0
-"""Growth of P at a single fix: enough to turn a filter round within some fixes."""
 
 
 class InnovationMonitor:
@@ -27,17 +20,15 @@ class InnovationMonitor:
 
     Attributes
     ----------
-    period_s : float
-        Between fixes.
+    period : FixPeriod
     sigma_h_m : float
         What the receiver says of itself, in the mean; 0: not yet known.
     nis_level : float
         Factor on the variance that it says.
     """
 
-    def __init__(self) -> None:
-        self._fix_ns: int | None = None
-        self.period_s = 1.0
+    def __init__(self, period: FixPeriod) -> None:
+        self.period = period
         self._nis_sum, self._n_nis = 0.0, 0
         self.start()
 
@@ -50,32 +41,24 @@ class InnovationMonitor:
     @property
     def fading(self) -> float:
         """Factor by which P grows at a fix, when innovations keep to one side."""
-        return min(max(self._bias_nis, 1.0), MAX_FADING)
+        return min(max(self._bias_nis, 1.0), SIX_MAX_FADING)
 
     @property
     def nis_mean(self) -> float | None:
         """Mean squared innovation; 2 when all is as it says."""
         return self._nis_sum / self._n_nis if self._n_nis else None
 
-    def observe_period(self, fix: GpsFix) -> None:
-        """Learn how often fixes come."""
-        if self._fix_ns is not None:
-            period = (fix.t_ns - self._fix_ns) * 1e-9
-            if 0.0 < period < 10.0:
-                self.period_s += 0.1 * (period - self.period_s)
-        self._fix_ns = fix.t_ns
-
-    def observe(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
+    def learn_noise(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:
         """Take the innovation of a fix that fits, and its covariance."""
         if self.sigma_h_m == 0.0:
             self.sigma_h_m = fix.sigma_h_m
         self._n_nis += 1
         self._nis_sum += nis
-        forget = 0.2 * min(1.0, self.period_s)
+        forget = 0.2 * min(1.0, self.period.mean_s)
         self._mean = mean = self._mean + forget * (innovation - self._mean)
         scatter = innovation - mean
         ratio = 0.5 * float(scatter @ np.linalg.solve(S, scatter)) * self.nis_level
         level = self.nis_level + 0.5 * forget * (ratio - self.nis_level)
-        self.nis_level = min(max(level, 1.0), MAX_NIS_LEVEL)
+        self.nis_level = min(max(level, 1.0), SIX_MAX_NIS_LEVEL)
         self._bias_nis = float(mean @ np.linalg.solve(S, mean))
         self.sigma_h_m += 0.5 * forget * (fix.sigma_h_m - self.sigma_h_m)

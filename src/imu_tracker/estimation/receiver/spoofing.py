@@ -1,10 +1,10 @@
-"""A receiver whose place is drawn away, slowly: spoofed, or lost in reflections.
+"""A receiver whose position drifts away slowly: spoofed, or lost in reflections.
 
-No gate sees it, for every fix fits the one before. Two things do not fit: places that
-move without the velocity that the receiver itself reports, and a body that the IMU
-feels standing all the time. What a newcomer gets wrong: who forges places and
-velocities alike is seen by neither while the body moves. That takes a second opinion
-on the speed, which an MPU-6050 cannot give: the bias of its accelerometer is as large.
+The innovation gate does not detect it, because each fix fits the one before. Two things
+do not fit: positions that move without the velocity that the receiver itself reports,
+and positions that move while the IMU shows standstill. Limit: while the body moves,
+forged positions with matching velocities are not detected. That would take a second
+measurement of the speed, and the bias of an MPU-6050's accelerometer is too large.
 """
 
 import math
@@ -12,36 +12,25 @@ from collections import Counter
 from typing import Final
 
 from imu_tracker.geometry.geodesy import LocalFrame
-from imu_tracker.samples import GpsFix, ImuSample, Vec3
+from imu_tracker.samples import GpsFix
 
 DRAWN_M: Final = 50.0
 DRAWN_SIGMAS: Final = 8.0
-"""Farther than this hardly a receiver wanders in the time that is looked at, and none
-of those that were recorded: one that smooths its course got to 31 m. Its own word on
-its noise counts when that is worse."""
+"""Recorded receivers drift by up to 31 m in that time; a larger claimed sigma counts
+instead."""
 
 FORGET_S: Final = 120.0
-"""Errors of position come and go within a minute or two; so does the sum forget."""
+"""Memory of the sum: errors of a receiver last for a minute or two."""
 
 LONGEST_STEP_S: Final = 3.0
-"""Between two fixes the velocity is taken to change evenly; no longer than this."""
+"""Longest time between two fixes over which velocity may be interpolated."""
 
 UNSURE_S: Final = 0.8
 """Receiver and host may differ by less about the time between two fixes; else one of
 them was late, or the receiver has inserted a leap second."""
 
-WINDOW_NS: Final = 1_000_000_000
-EVERY_NS: Final = 45_000_000
-"""The IMU is looked at so often: vibration shows at any rate."""
 
-LOUDER: Final = 2.0
-MOVED_MPS2: Final = 0.15
-MOVED_RADPS: Final = math.radians(0.5)
-"""What a start from rest cannot hide: vibration twice that of rest, a mean force or
-rate that differs from that of rest."""
-
-
-class DragWatch:
+class SpoofingMonitor:
     """Watches fixes for a drift that nothing else confirms.
 
     Attributes
@@ -55,26 +44,19 @@ class DragWatch:
         self._unexplained_ne_m = (0.0, 0.0)
         self._last: GpsFix | None = None
         self._anchor: GpsFix | None = None  # where it was when rest began
-        self._quiet = _Quiet()
         self._is_told = {"position": False, "rest": False}
         self._notices: list[str] = []
 
-    def on_imu(self, sample: ImuSample) -> None:
-        """Feel whether the body goes on resting."""
-        self._quiet.add(sample)
-
-    def rest(self, is_still: bool) -> None:
-        """Hear whether the tracker believes that the body stands."""
-        self._quiet.learn(is_still)
-
-    def on_fix(self, fix: GpsFix) -> None:
-        """Take a fix."""
+    def add_fix(self, fix: GpsFix, *, is_standing: bool) -> None:
+        """Take a fix; `is_standing` when the IMU shows that the body stands."""
         limit_m = max(DRAWN_M, DRAWN_SIGMAS * fix.sigma_h_m)
         drawn_m = self._drawn_by_position(fix)
         self._judge(
             "position", drawn_m, limit_m, "its places move without its own velocity"
         )
-        rested_m = self._drawn_at_rest(fix)
+        if not is_standing:
+            self._anchor = None
+        rested_m = self._drawn_at_rest(fix) if is_standing else 0.0
         self._judge("rest", rested_m, limit_m, "its places move, the IMU feels nothing")
         if max(drawn_m, rested_m) > limit_m:
             self.counters["suspect_fixes"] += 1
@@ -128,56 +110,7 @@ class DragWatch:
 
     def _drawn_at_rest(self, fix: GpsFix) -> float:
         """Way from where the body came to rest, while it rests."""
-        if not self._quiet.is_resting:
-            self._anchor = None
-            return 0.0
         if self._anchor is None:
             self._anchor = fix
         here = LocalFrame.at(self._anchor.lat_rad, self._anchor.lon_rad)
         return math.hypot(*here.to_ne(fix.lat_rad, fix.lon_rad))
-
-
-class _Quiet:
-    """Rest that was once agreed on, and that the IMU has not felt to end."""
-
-    def __init__(self) -> None:
-        self.is_resting = False
-        self._samples: list[ImuSample] = []
-        self._due_ns = 0
-        self._mean: tuple[Vec3, Vec3] | None = None  # of the last window
-        self._spread = (math.inf, math.inf)
-        self._rest: tuple[Vec3, Vec3] | None = None  # of the first window of rest
-        self._rest_spread = (0.0, 0.0)
-
-    def learn(self, is_still: bool) -> None:
-        if is_still and not self.is_resting and self._mean is not None:
-            self.is_resting = True
-            self._rest, self._rest_spread = self._mean, self._spread
-
-    def add(self, sample: ImuSample) -> None:
-        if sample.t_ns < self._due_ns:
-            return
-        self._due_ns = sample.t_ns + EVERY_NS
-        samples = self._samples
-        samples.append(sample)
-        if sample.t_ns - samples[0].t_ns < WINDOW_NS:
-            return
-        accel, accel_spread = _mean_and_spread([s.accel_mps2 for s in samples])
-        gyro, gyro_spread = _mean_and_spread([s.gyro_radps for s in samples])
-        self._mean, self._spread = (accel, gyro), (accel_spread, gyro_spread)
-        self._samples = []
-        if self._rest is not None:
-            rest_accel, rest_gyro = self._rest
-            self.is_resting = self.is_resting and (
-                accel_spread < LOUDER * self._rest_spread[0]
-                and gyro_spread < LOUDER * self._rest_spread[1]
-                and math.dist(accel, rest_accel) < MOVED_MPS2
-                and math.dist(gyro, rest_gyro) < MOVED_RADPS
-            )
-
-
-def _mean_and_spread(rows: list[Vec3]) -> tuple[Vec3, float]:
-    n = len(rows)
-    x, y, z = (sum(column) / n for column in zip(*rows, strict=True))
-    square = sum((a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2 for a, b, c in rows)
-    return (x, y, z), math.sqrt(square / n)

@@ -11,6 +11,8 @@ from collections import deque
 from statistics import median_low
 from typing import Final
 
+from imu_tracker.samples import GpsFix
+
 WINDOW_EPOCHS: Final = 40
 """Epochs whose median is the relation: half a minute at 1 Hz evens out the jitter."""
 
@@ -58,16 +60,18 @@ class UtcClock:
 
     Attributes
     ----------
+    latency_ns : int
+        As it was given: an estimator may find that fixes are later still.
     jumps : int
         How often the receiver changed its mind.
     holes : int
         How often the rows' times went forward at once.
-    is_in_doubt : bool
+    is_uncertain : bool
         Whether it may just have done so: what the last epoch describes, nobody knows.
     """
 
     def __init__(self, latency_ns: int) -> None:
-        self._latency_ns = latency_ns
+        self.latency_ns = latency_ns
         self._offsets: deque[int] = deque(maxlen=WINDOW_EPOCHS)
         self._candidates: list[tuple[int, int]] = []
         self._offset_ns: int | None = None
@@ -77,14 +81,14 @@ class UtcClock:
         self._n_agreeing = 0  # epochs since the relation last changed
         self.jumps = 0
         self.holes = 0
-        self.is_in_doubt = False
+        self.is_uncertain = False
 
     @property
     def settled_ns(self) -> int | None:
         """Instant from which UTC is known well enough to write rows."""
         return None if self._first_ns is None else self._first_ns + SETTLE_NS
 
-    def observe(self, arrival_ns: int, utc_s: float) -> float:
+    def add_epoch(self, arrival_ns: int, utc_s: float) -> float:
         """Take the time of one epoch and when its first byte came.
 
         Returns
@@ -92,28 +96,28 @@ class UtcClock:
         float
             Seconds by which the receiver has now changed its mind; mostly 0.
         """
-        offset = round(utc_s * 1e9) - (arrival_ns - self._latency_ns)
+        offset = round(utc_s * 1e9) - (arrival_ns - self.latency_ns)
         is_leap = self._leaps(offset)
-        self._told_ns, self.is_in_doubt = offset, False
+        self._told_ns, self.is_uncertain = offset, False
         if self._first_ns is None:
             self._first_ns = arrival_ns
         if self._offset_ns is None:
-            self._take(offset)
+            self._add_offset(offset)
         elif self._shown_ns is None and offset > self._offset_ns:
             # Nothing was written yet: the freshest epoch is right at once.
             self._offsets.clear()
-            self._take(offset)
+            self._add_offset(offset)
         elif abs(offset - self._offset_ns) < STALE_NS and not is_leap:
             self._candidates.clear()
-            self._take(offset)
+            self._add_offset(offset)
             self._n_agreeing += 1
         else:
             # From the future no buffer delivers.
-            self.is_in_doubt = is_leap or offset > self._offset_ns
-            return self._consider(arrival_ns, offset)
+            self.is_uncertain = is_leap or offset > self._offset_ns
+            return self._add_candidate(arrival_ns, offset)
         return 0.0
 
-    def show(self) -> None:
+    def start_rows(self) -> None:
         """Begin rows: from now on UTC only slews."""
         self._shown_ns = self._offset_ns
 
@@ -122,6 +126,12 @@ class UtcClock:
         if self._offset_ns is None:
             return None
         return round(utc_s * 1e9) - self._offset_ns
+
+    def instant_of(self, fix: GpsFix) -> int:
+        """Return the instant that a fix describes, not later than its arrival."""
+        if fix.utc_s is None or (instant_ns := self.instant_ns(fix.utc_s)) is None:
+            return fix.t_ns - self.latency_ns
+        return min(instant_ns, fix.t_ns)
 
     def row_instant_ns(self, utc_ns: int) -> int:
         """Monotonic instant of a row of the log."""
@@ -138,7 +148,7 @@ class UtcClock:
         assert self._shown_ns is not None
         assert self._offset_ns is not None
         behind = abs(self._offset_ns - self._shown_ns)
-        if self.is_in_doubt and self._told_ns is not None:
+        if self.is_uncertain and self._told_ns is not None:
             behind = max(behind, abs(self._told_ns - self._shown_ns))
         return behind if int(period_ns * SLEW) < behind <= LEAPS_NS else 0
 
@@ -161,7 +171,7 @@ class UtcClock:
         self._shown_ns += min(max(self._offset_ns - self._shown_ns, -most), most)
         return 0
 
-    def _take(self, offset: int) -> None:
+    def _add_offset(self, offset: int) -> None:
         self._offsets.append(offset)
         freshest = max(self._offsets)
         self._offset_ns = median_low(
@@ -178,7 +188,7 @@ class UtcClock:
             return False
         return bool(self._candidates) or abs(step - leap) <= 2 * NEAR_NS
 
-    def _consider(self, arrival_ns: int, offset: int) -> float:
+    def _add_candidate(self, arrival_ns: int, offset: int) -> float:
         """Hear of another time; believe it when it is said again and again."""
         if self._candidates and abs(offset - self._candidates[0][1]) > STALE_NS // 2:
             self._candidates.clear()
@@ -189,10 +199,10 @@ class UtcClock:
         before_ns = self._offset_ns
         self.jumps += 1
         self._n_agreeing = 0
-        self.is_in_doubt = False
+        self.is_uncertain = False
         self._offsets.clear()
         for _, candidate in self._candidates:
-            self._take(candidate)
+            self._add_offset(candidate)
         self._candidates.clear()
         assert before_ns is not None
         assert self._offset_ns is not None

@@ -14,6 +14,13 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.tuning import (
+    GYRO_BIAS_SIGMA_RADPS,
+    GYRO_DRIFT_PSD,
+    SIX_GYRO_NOISE_PSD,
+    UNOBSERVED_TURN_RADPS,
+    USABLE_YAW_SIGMA_RAD,
+)
 from imu_tracker.geometry.rotation import (
     IDENTITY,
     from_rotation_vector,
@@ -28,31 +35,21 @@ from imu_tracker.geometry.rotation import (
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.samples import Quat, Vec3
 
-GYRO_NOISE_PSD: Final = math.radians(0.02) ** 2
-"""Angle random walk, (rad/s)^2/Hz: the datasheet's 0.005 deg/s/sqrt(Hz), four times
-over for vibration and scale errors in turns."""
-
-GYRO_DRIFT_PSD: Final = math.radians(0.002) ** 2
-"""Random walk of the bias, (rad/s)^2 per s: 0.1 deg/s in an hour, by temperature."""
-
-GYRO_BIAS_VAR: Final = math.radians(3.0) ** 2
-"""Zero-rate output before it is measured; chips at 2 to 4 deg/s are common though the
-datasheet allows 20 (PS-MPU-6000A section 6.1)."""
+GYRO_BIAS_VAR: Final = GYRO_BIAS_SIGMA_RADPS**2
 
 UNKNOWN_YAW_SIGMA_RAD: Final = math.pi / math.sqrt(3.0)
 """Of an angle that may be anything."""
 
+TILT_N, TILT_E, YAW = 0, 1, 2  # theta_n, rad
+TILT: Final = slice(0, 2)
+THETA: Final = slice(0, 3)
+BIAS: Final = slice(3, 6)  # of the gyro, body axes, rad/s
+
 _PREDICT_S: Final = 0.2
 """The covariance moves slowly and is predicted at 5 Hz; the attitude at every step."""
 
-_RANDOM_WALKS: Final = np.diag([GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
-_H_BIAS: Final = np.eye(6)[3:]
-
-_USABLE_YAW_SIGMA_RAD: Final = 0.6
-"""Beyond this a rotated acceleration says less than none."""
-
-_LOST_TURN_RADPS: Final = 0.1
-"""How fast a body turns, about any axis, while nobody looks."""
+_RANDOM_WALKS: Final = np.diag([SIX_GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
+_H_BIAS: Final = np.eye(6)[BIAS]
 
 _LOST_TILT_SIGMA_RAD: Final = 0.5  # gravity is found anew sooner than mended
 
@@ -94,22 +91,22 @@ class AttitudeFilter:
     def tilt_sigma_rad(self) -> float:
         """Standard deviation of the tilt, about either level axis."""
         P = self._kf.P
-        return math.sqrt(0.5 * (P[0, 0] + P[1, 1]))
+        return math.sqrt(0.5 * (P[TILT_N, TILT_N] + P[TILT_E, TILT_E]))
 
     @property
     def yaw_sigma_rad(self) -> float:
         """Standard deviation of the yaw."""
-        return math.sqrt(self._kf.P[2, 2])
+        return math.sqrt(self._kf.P[YAW, YAW])
 
     @property
     def gyro_bias_sigma_radps(self) -> float:
         """Standard deviation of the gyro bias, of the worst axis."""
-        return math.sqrt(max(self._kf.P.diagonal().tolist()[3:]))
+        return math.sqrt(max(self._kf.P.diagonal().tolist()[BIAS]))
 
     @property
     def is_yaw_usable(self) -> bool:
         """Whether the yaw is known well enough to rotate with."""
-        return self.has_yaw and self._kf.P[2, 2] < _USABLE_YAW_SIGMA_RAD**2
+        return self.has_yaw and self._kf.P[YAW, YAW] < USABLE_YAW_SIGMA_RAD**2
 
     @property
     def yaw_rad(self) -> float:
@@ -129,8 +126,8 @@ class AttitudeFilter:
         yaw_rad = self.yaw_rad
         self.q_nb = turn_about_down(level_from_gravity(f_b), yaw_rad)
         P = self._kf.P.copy()
-        P[:2, :] = P[:, :2] = 0.0
-        P[0, 0] = P[1, 1] = tilt_sigma_rad**2
+        P[TILT, :] = P[:, TILT] = 0.0
+        P[TILT_N, TILT_N] = P[TILT_E, TILT_E] = tilt_sigma_rad**2
         self._kf.P = P
         self.is_level = True
 
@@ -161,25 +158,25 @@ class AttitudeFilter:
         if self._pending_s >= _PREDICT_S:
             self._predict_covariance()
 
-    def lose(self, dt_s: float) -> None:
+    def propagate_gap(self, dt_s: float) -> None:
         """Let time pass of which the gyro said nothing."""
         self._pending_s += dt_s
-        self.doubt(_LOST_TURN_RADPS * dt_s)
+        self.inflate(UNOBSERVED_TURN_RADPS * dt_s)
 
-    def doubt(self, angle_rad: float) -> None:
+    def inflate(self, angle_rad: float) -> None:
         """Let the attitude be off by so much more about any axis, at one sigma."""
         self._predict_covariance()
         P = self._kf.P + np.diag([angle_rad**2] * 3 + [0.0] * 3)
         # An angle has an end; its correlations shrink with it.
-        bound = np.sqrt(np.minimum(1.0, UNKNOWN_YAW_SIGMA_RAD**2 / P.diagonal()[:3]))
+        bound = np.sqrt(np.minimum(1.0, UNKNOWN_YAW_SIGMA_RAD**2 / P.diagonal()[THETA]))
         scale = np.append(bound, np.ones(3))
         self._kf.P = P * np.outer(scale, scale)
         if self.tilt_sigma_rad > _LOST_TILT_SIGMA_RAD:
             self.is_level = False
         if not self.is_yaw_usable:
-            self.forget_yaw()
+            self.reset_yaw()
 
-    def forget_yaw(self) -> None:
+    def reset_yaw(self) -> None:
         """Let the next heading set the yaw outright."""
         self.has_yaw = False
 
@@ -189,7 +186,7 @@ class AttitudeFilter:
         Source: Sola 2017, arXiv:1711.02508, section 7.
         """
         dt, self._pending_s = self._pending_s, 0.0
-        self._kf.F[:3, 3:] = -dt * matrix(self.q_nb)
+        self._kf.F[THETA, BIAS] = -dt * matrix(self.q_nb)
         self._kf.predict(Q=_RANDOM_WALKS * dt)
 
     def _update(
@@ -232,7 +229,7 @@ class AttitudeFilter:
         """
         innovation = np.array([a_ne_mps2[0] - f_n[0], a_ne_mps2[1] - f_n[1]])
         H = np.zeros((2, 6))
-        H[0, 1], H[1, 0] = f_n[2], -f_n[2]
+        H[0, TILT_E], H[1, TILT_N] = f_n[2], -f_n[2]
         return self._update(innovation, H, np.eye(2) * sigma_mps2**2)
 
     def update_yaw(self, yaw_rad: float, sigma_rad: float) -> float:
@@ -246,12 +243,12 @@ class AttitudeFilter:
             self.has_yaw = True
             self.q_nb = turn_about_down(self.q_nb, innovation)
             P = self._kf.P.copy()
-            P[2, :] = P[:, 2] = 0.0
-            P[2, 2] = sigma_rad**2
+            P[YAW, :] = P[:, YAW] = 0.0
+            P[YAW, YAW] = sigma_rad**2
             self._kf.P = P
             return innovation
         H = np.zeros((1, 6))
-        H[0, 2] = 1.0
+        H[0, YAW] = 1.0
         self._update(np.array([innovation]), H, np.array([[sigma_rad**2]]))
         return innovation
 

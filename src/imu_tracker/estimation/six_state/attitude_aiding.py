@@ -8,70 +8,44 @@ import math
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.six_state.attitude import AttitudeFilter
+from imu_tracker.estimation.tuning import (
+    COURSE_CORRELATION_S,
+    COURSE_DELAY_SIGMA_S,
+    COURSE_MAX_RATE_RADPS,
+    COURSE_SPEED_MPS,
+    DISTRUST_SHARE,
+    GRAVITY_WINDOW_MPS2,
+    LEVELLING_S,
+    LEVELLING_SIGMA_MPS2,
+    LEVELLING_SIGMA_RAD,
+    MAX_DISTRUST,
+    REST_RATE_SIGMA_RADPS,
+    REVERSE_FIXES,
+    REVERSE_MPS,
+    SIX_COURSE_SIGMA_RAD,
+    SIX_REVERSE_RAD,
+    VELOCITY_BASE_S,
+    VELOCITY_MODEL_MPS2,
+    VELOCITY_MODEL_SHARE,
+)
 from imu_tracker.geometry.rotation import rotate, wrap_pi
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import Vec3
 
-LEVELLING_S: Final = 1.0
-"""Mean specific force over so long is the first guess of gravity."""
-
-LEVELLING_SIGMA_RAD: Final = 0.2
-"""Its error when the body was moving: 2 m/s^2 against 9.81."""
-
 REST_LEVEL_SIGMA_MPS2: Final = 0.1
-REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
 """A resting vehicle still rocks: mean of a second."""
 
-_REST_VOTES: Final = 5.0  # told at 5 Hz, each the mean of a second
+_REST_CORRELATION_FACTOR: Final = 5.0  # told at 5 Hz, each the mean of a second
 
-VELOCITY_BASE_S: Final = 4.0
-"""Receiver velocities are compared over so long: their noise counts once a base,
-the error of a tilt grows with it."""
-
-VELOCITY_MODEL_SHARE: Final = 0.1
-"""Of an acceleration, what yaw, scale and latency make uncertain."""
-
-VELOCITY_MODEL_MPS2: Final = 0.05
-
-MAX_DISTRUST: Final = 20.0
-"""Factor on its noise that the comparison earns by not fitting, as with a receiver
-whose latency is not the configured one. At the most gravity alone outweighs it."""
-
-DISTRUST_SHARE: Final = 0.2
-"""What one comparison adds to the distrust: five of them, 20 s, make it."""
 
 GRAVITY_BASE_S: Final = 1.0
-GRAVITY_SIGMA_MPS2: Final = 3.0
 """Own acceleration of a body of which nothing is known, mean of a second. Only over
 minutes does gravity win through this."""
 
-GRAVITY_WINDOW_MPS2: Final = 0.5
-"""Gravity is trusted only while |f| is about g."""
-
-COURSE_SPEED_MPS: Final = {"vehicle": 2.0, "walker": 0.8, "free": 2.0}
-"""Speed from which the course is taken for the heading."""
-
-COURSE_SIGMA_RAD: Final = math.radians(3.0)
-"""Between course and heading at best: slip, wind, current."""
-
-COURSE_MAX_RATE_RADPS: Final = 0.6
-"""In a tighter turn box, antenna and axle go different ways."""
 
 COURSE_LEVER_M: Final = 1.5
 """Way between them: the course leads or lags by lever * rate / speed."""
-
-COURSE_DELAY_SIGMA_S: Final = 0.2
-"""Receivers smooth their course, and the latency is only about known."""
-
-COURSE_CORRELATION_S: Final = 3.0
-"""Its errors last so long, whatever the rate of fixes."""
-
-REVERSE_RAD: Final = math.radians(120.0)
-REVERSE_FIXES: Final = 8
-REVERSE_MPS: Final = 5.0
-"""A course this far from a known heading is a vehicle going backwards; but nobody
-does so for so long, so fast: then it was the heading that was wrong."""
 
 
 class _Anchor(NamedTuple):
@@ -158,19 +132,19 @@ class AttitudeAiding:
             self._levelling = (0.0, (0.0, 0.0, 0.0))
             self._attitude.start(total, LEVELLING_SIGMA_RAD)
 
-    def rest(self, rest: Rest, gravity_mps2: float) -> None:
+    def update_from_rest(self, rest: Rest, gravity_mps2: float) -> None:
         """At rest the force is gravity, and the rate is the gyro's bias."""
         attitude = self._attitude
-        votes = math.sqrt(_REST_VOTES)
+        factor = math.sqrt(_REST_CORRELATION_FACTOR)
         x, y, z = rest.accel_mps2
         excess = 1.0 - gravity_mps2 / math.hypot(x, y, z)
         self.accel_bias_mps2 = (x * excess, y * excess, z * excess)
-        attitude.update_gyro_bias(rest.gyro_radps, REST_RATE_SIGMA_RADPS * votes)
+        attitude.update_gyro_bias(rest.gyro_radps, REST_RATE_SIGMA_RADPS * factor)
         kept = 1.0 - excess
         f_n = rotate(attitude.q_nb, (x * kept, y * kept, z * kept))
-        attitude.update_level(f_n, (0.0, 0.0), REST_LEVEL_SIGMA_MPS2 * votes)
+        attitude.update_level(f_n, (0.0, 0.0), REST_LEVEL_SIGMA_MPS2 * factor)
 
-    def velocity(
+    def update_from_velocity(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, gravity_mps2: float
     ) -> None:
         """Compare the receiver's change of velocity with the IMU's: the tilt."""
@@ -206,7 +180,7 @@ class AttitudeAiding:
         self._distrust = min(max(math.sqrt(square), 1.0), MAX_DISTRUST)
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 
-    def gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
+    def update_from_gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
         """Gravity tells the tilt, slowly: all there is without a receiver.
 
         Of the body's own acceleration only the part that turns it is known: rate
@@ -229,9 +203,9 @@ class AttitudeAiding:
             return
         rate = self._rate_down_radps if self._attitude.is_yaw_usable else 0.0
         centripetal = (-rate * v_n[1], rate * v_n[0])
-        self._attitude.update_level(f_n, centripetal, GRAVITY_SIGMA_MPS2)
+        self._attitude.update_level(f_n, centripetal, LEVELLING_SIGMA_MPS2)
 
-    def course(
+    def update_from_course(
         self, vel_ne_mps: tuple[float, float], sigma_mps: float, period_s: float
     ) -> None:
         """Take the course over ground for the heading, when fast enough."""
@@ -246,18 +220,18 @@ class AttitudeAiding:
             return
         course = math.atan2(vel_ne_mps[1], vel_ne_mps[0])
         sigma = math.hypot(
-            COURSE_SIGMA_RAD,
+            SIX_COURSE_SIGMA_RAD,
             sigma_mps / speed,
             rate * (COURSE_DELAY_SIGMA_S + COURSE_LEVER_M / speed),
         )
         if self._profile == "vehicle" and attitude.is_yaw_usable:
-            if abs(wrap_pi(course - attitude.yaw_rad)) > REVERSE_RAD:
+            if abs(wrap_pi(course - attitude.yaw_rad)) > SIX_REVERSE_RAD:
                 course += math.pi
                 self._n_backwards += speed > REVERSE_MPS
                 if self._n_backwards >= REVERSE_FIXES:
-                    attitude.forget_yaw()
+                    attitude.reset_yaw()
                     course -= math.pi
             else:
                 self._n_backwards = 0
-        votes = max(1.0, COURSE_CORRELATION_S / period_s)
-        attitude.update_yaw(course, sigma * math.sqrt(votes))
+        factor = max(1.0, COURSE_CORRELATION_S / period_s)
+        attitude.update_yaw(course, sigma * math.sqrt(factor))

@@ -10,18 +10,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_tracker.estimation.tuning import (
+    REST_SPEED_SIGMA_MPS,
+    SIX_LATERAL_SIGMA_MPS,
+    SOFT_GATE_SIGMAS,
+)
 from imu_tracker.samples import Vec3
-
-LATERAL_SIGMA_MPS: Final = 0.3
-"""Sideways velocity of a vehicle where the box sits: tyre slip, suspension, crown."""
 
 LATERAL_LEVER_M: Final = 1.5
 """From the rear axle, which does not slip, forward to the box: turns swing it."""
-
-REST_SPEED_SIGMA_MPS: Final = 0.03
-"""A body that rests moves with its suspension, or with a hand on it."""
-
-_SOFT_GATE: Final = 3.0  # sigmas; beyond, a slide is likelier than noise
 
 
 class VelocityMeasurement(NamedTuple):
@@ -32,14 +29,14 @@ class VelocityMeasurement(NamedTuple):
     R: NDArray[np.float64]  # shape (m, m)
 
 
-def rest(v_n: Vec3) -> VelocityMeasurement:
+def zero_velocity(v_n: Vec3) -> VelocityMeasurement:
     """Zero velocity."""
     return VelocityMeasurement(
         -np.array(v_n), np.eye(3), np.eye(3) * REST_SPEED_SIGMA_MPS**2
     )
 
 
-def no_side_slip(
+def non_holonomic(
     v_n: Vec3,
     P_v: NDArray[np.float64],
     yaw_rad: float,
@@ -61,17 +58,17 @@ def no_side_slip(
     Notes
     -----
     0 = -sin(yaw) v_N + cos(yaw) v_E. An innovation beyond three sigma inflates R
-    to meet it: a car that slides says so with all its might, and is believed.
+    to meet it: a car that slides says so with all its might, and is estimate.
     """
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     speed = math.hypot(v_n[0], v_n[1])
     H = np.array([[-sine, cosine, 0.0]])
     z = sine * v_n[0] - cosine * v_n[1]
     variance = (
-        LATERAL_SIGMA_MPS**2
+        SIX_LATERAL_SIGMA_MPS**2
         + (LATERAL_LEVER_M * yaw_rate_radps) ** 2
         + (speed * yaw_sigma_rad) ** 2
     )
     predicted = float((H @ P_v @ H.T)[0, 0])
-    variance = max(variance, (z / _SOFT_GATE) ** 2 - predicted)
+    variance = max(variance, (z / SOFT_GATE_SIGMAS) ** 2 - predicted)
     return VelocityMeasurement(np.array([z]), H, np.array([[variance]]))

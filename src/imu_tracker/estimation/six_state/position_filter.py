@@ -7,14 +7,19 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.six_state.constraints import VelocityMeasurement
+from imu_tracker.estimation.tuning import SOFT_GATE_NIS
 from imu_tracker.samples import Vec3
 
 Array = NDArray[np.float64]
 
-CONSTRAINT_VOTES: Final = 5.0
-"""Constraints come at 5 Hz, and their errors last about a second."""
+POSITION_NE: Final = slice(0, 2)
+DOWN: Final = slice(2, 3)
+VELOCITY: Final = slice(3, 6)
+VELOCITY_NE: Final = slice(3, 5)
+VELOCITY_DOWN: Final = slice(5, 6)
 
-_SOFT_NIS: Final = 9.0  # 99 % of two degrees of freedom; beyond, R grows to meet it
+CONSTRAINT_CORRELATION_FACTOR: Final = 5.0
+"""Constraints come at 5 Hz, and their errors last about a second."""
 
 
 class PositionFilter:
@@ -59,7 +64,7 @@ class PositionFilter:
     @property
     def v_n(self) -> Vec3:
         """Velocity in m/s."""
-        vn, ve, vd = self._kf.x[3:].tolist()
+        vn, ve, vd = self._kf.x[VELOCITY].tolist()
         return vn, ve, vd
 
     def predict(self, dt_s: float, a_n_mps2: Vec3, psd: Vec3) -> None:
@@ -71,20 +76,20 @@ class PositionFilter:
         self._Q_blocks[...] = growth.reshape(2, 2, 1) * np.array(psd)
         self._kf.predict(np.array(a_n_mps2))
 
-    def measure(self, z: Array, states: slice, variance: float) -> None:
+    def update(self, z: Array, states: slice, variance: float) -> None:
         """Measure some states directly."""
         self._kf.update(z, R=np.eye(len(z)) * variance, H=np.eye(6)[states])
 
-    def measure_velocity(self, z: Array, variance: float) -> None:
+    def update_velocity(self, z: Array, variance: float) -> None:
         """Measure the level velocity; a wild one weighs little, but never nothing."""
-        innovation = z - self._kf.x[3:5]
-        S = self._kf.P[3:5, 3:5] + np.eye(2) * variance
+        innovation = z - self._kf.x[VELOCITY_NE]
+        S = self._kf.P[VELOCITY_NE, VELOCITY_NE] + np.eye(2) * variance
         nis = float(innovation @ np.linalg.solve(S, innovation))
-        self.measure(z, slice(3, 5), variance * max(1.0, nis / _SOFT_NIS))
+        self.update(z, VELOCITY_NE, variance * max(1.0, nis / SOFT_GATE_NIS))
 
-    def constrain(self, measured: VelocityMeasurement) -> None:
+    def update_constraint(self, measured: VelocityMeasurement) -> None:
         """Apply what the body cannot do."""
         H = np.zeros((len(measured.z), 6))
-        H[:, 3:] = measured.H
+        H[:, VELOCITY] = measured.H
         z = measured.z + H @ self._kf.x
-        self._kf.update(z, R=measured.R * CONSTRAINT_VOTES, H=H)
+        self._kf.update(z, R=measured.R * CONSTRAINT_CORRELATION_FACTOR, H=H)

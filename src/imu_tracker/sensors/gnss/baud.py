@@ -56,7 +56,7 @@ class BaudSearch:
         self._since_ns = now_ns  # how long there has been nothing but garbage
         self._last_byte_ns = now_ns
 
-    def hear(self, now_ns: int, sentences: int) -> bool:
+    def add_bytes(self, now_ns: int, sentences: int) -> bool:
         """Note that bytes came and completed so many sentences with a good checksum.
 
         Returns

@@ -27,7 +27,7 @@ ACCURACY_OF_QUALITY: Final = {
     # Corrections take away orbits and most of the air, not the reflections.
     2: Accuracy(per_hdop_m=1.4, floor_m=0.7),
     3: Accuracy(per_hdop_m=1.4, floor_m=0.7),
-    # Carrier phase: centimetres with whole wavelengths, decimetres without.
+    # Platform phase: centimetres with whole wavelengths, decimetres without.
     4: Accuracy(per_hdop_m=0.02, floor_m=0.02),
     5: Accuracy(per_hdop_m=0.3, floor_m=0.3),
 }

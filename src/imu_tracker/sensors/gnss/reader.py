@@ -152,7 +152,7 @@ class GpsReader(SensorThread):
             if chunk:
                 sentences = self._deliver(chunk, lines.feed(chunk, self.turned_ns))
                 was_found = search.is_found
-                if search.hear(self.turned_ns, sentences):
+                if search.add_bytes(self.turned_ns, sentences):
                     lines = self._change_baud(port, search.baud)
                 elif search.is_found and not was_found:
                     self._known_baud = search.known

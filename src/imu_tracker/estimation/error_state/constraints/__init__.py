@@ -4,4 +4,4 @@ In: state, covariance, standstill, profile. Out: measurements with noise. Not he
 filter that applies them.
 """
 
-__all__ = ["schedule"]
+__all__ = ["schedule", "wheel_aiding"]

@@ -8,34 +8,22 @@ may be anywhere: only turns count.
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.states import N_ERRORS, VELOCITY
-
-START_SPEED_MPS: Final = 1.5
-"""Root of the mean square speed of somebody on foot, before he was seen to walk."""
-
-WALKING_MPS: Final = 0.5
-"""Below this he stands and looks about: no direction to learn."""
-
-START_SCATTER_MPS: Final = 1.0
-LEAST_SCATTER_MPS: Final = 0.3
-"""About the mean of his own velocity: stride, sway of the box, a look at the telephone.
-Nobody walks more evenly than by a fifth of his speed."""
-
-LEARNING_S: Final = 15.0
-SPEED_LEARNING_S: Final = 60.0
-"""A direction lasts from corner to corner, a speed as long as somebody's company."""
-
-GOING_ON_LASTS_S: Final = 15.0
-BOUND_LASTS_S: Final = 30.0
-"""For so long one such measurement is the same as the next."""
-
-DIRECTION_SIGMA_RAD: Final = math.radians(5.0)
-"""The box in its pocket turns against who carries it."""
+from imu_tracker.estimation.tuning import (
+    GAIT_CORRELATION_S,
+    GAIT_DIRECTION_SIGMA_RAD,
+    GAIT_LEARNING_S,
+    LEAST_GAIT_SCATTER_MPS,
+    START_GAIT_SCATTER_MPS,
+    START_WALK_MPS,
+    WALK_SPEED_CORRELATION_S,
+    WALK_SPEED_LEARNING_S,
+    WALKING_MPS,
+)
 
 
 class Gait:
@@ -43,11 +31,11 @@ class Gait:
 
     def __init__(self) -> None:
         self._own = (0.0, 0.0)  # velocity, turned back by all turns so far
-        self._scatter_var = START_SCATTER_MPS**2
-        self._speed_square = START_SPEED_MPS**2
+        self._scatter_var = START_GAIT_SCATTER_MPS**2
+        self._speed_square = START_WALK_MPS**2
         self._learnt_s = 0.0
 
-    def observe(
+    def learn(
         self,
         v_ne_mps: tuple[float, float],
         turned_rad: float,
@@ -67,29 +55,29 @@ class Gait:
         """
         vn, ve = v_ne_mps
         square = vn * vn + ve * ve
-        share = period_s / SPEED_LEARNING_S
+        share = period_s / WALK_SPEED_LEARNING_S
         self._speed_square += share * (square - self._speed_square)
         if square < WALKING_MPS**2 or not is_stepping:
             return
         own = _turned((vn, ve), -turned_rad)
         self._learnt_s += period_s
-        share = max(period_s / LEARNING_S, period_s / self._learnt_s)
+        share = max(period_s / GAIT_LEARNING_S, period_s / self._learnt_s)
         (a, b), (x, y) = self._own, own
         off_var = 0.5 * ((x - a) ** 2 + (y - b) ** 2)
         self._own = (a + share * (x - a), b + share * (y - b))
-        self._scatter_var += period_s / LEARNING_S * (off_var - self._scatter_var)
+        self._scatter_var += period_s / GAIT_LEARNING_S * (off_var - self._scatter_var)
 
-    def bounded(self, eskf: Eskf, period_s: float) -> Measurement:
+    def speed_bound(self, eskf: Eskf, period_s: float) -> Measurement:
         """Speed of somebody on foot: 0 = v, as large as it was in the last minutes."""
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = -np.array(eskf.nominal.v_n[:2])
-        votes = max(1.0, BOUND_LASTS_S / period_s)
-        variance = max(0.5 * self._speed_square, LEAST_SCATTER_MPS**2)
-        return Measurement(z, H, np.eye(2) * votes * variance)
+        factor = max(1.0, WALK_SPEED_CORRELATION_S / period_s)
+        variance = max(0.5 * self._speed_square, LEAST_GAIT_SCATTER_MPS**2)
+        return Measurement(z, H, np.eye(2) * factor * variance)
 
-    def goes_on(
-        self, eskf: Eskf, turned_rad: float, dark_s: float, period_s: float
+    def continued_velocity(
+        self, eskf: Eskf, turned_rad: float, outage_s: float, period_s: float
     ) -> Measurement | None:
         """Velocity of somebody who walks on as he went; None: not known yet.
 
@@ -97,17 +85,17 @@ class Gait:
         -----
         0 = R(turned) own - v. What the gyro has drifted since goes into R, across.
         """
-        if self._learnt_s < LEARNING_S:
+        if self._learnt_s < GAIT_LEARNING_S:
             return None
         vn, ve = _turned(self._own, turned_rad)
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = np.array([vn, ve]) - eskf.nominal.v_n[:2]
-        drift_var = eskf.down_bias[1] * dark_s**2 + DIRECTION_SIGMA_RAD**2
+        drift_var = eskf.down_bias[1] * outage_s**2 + GAIT_DIRECTION_SIGMA_RAD**2
         across = np.array([-ve, vn])
-        scatter_var = max(self._scatter_var, LEAST_SCATTER_MPS**2)
-        votes = max(1.0, GOING_ON_LASTS_S / period_s)
-        R = votes * (scatter_var * np.eye(2) + drift_var * np.outer(across, across))
+        scatter_var = max(self._scatter_var, LEAST_GAIT_SCATTER_MPS**2)
+        factor = max(1.0, GAIT_CORRELATION_S / period_s)
+        R = factor * (scatter_var * np.eye(2) + drift_var * np.outer(across, across))
         return Measurement(z, H, R)
 
 

@@ -6,31 +6,20 @@ they are worth nothing as facts and a lot as spreads; the mean is taken to be ze
 """
 
 import math
-from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
-
-START_SLOPE_RAD: Final = math.radians(5.0)
-LEAST_SLOPE_RAD: Final = math.radians(1.0)
-"""A mountain pass of 8 deg lies within two sigmas, and no road is quite level: camber,
-load, and what is left of the mounting."""
-
-START_FORWARD_MPS2: Final = 1.0
-LEAST_FORWARD_MPS2: Final = 0.2
-"""The cycles by which consumption is measured have 0.7 rms, brisk driving half more;
-nobody holds his foot stiller than a cruise control."""
-
-START_WEIGHT_S: Final = 60.0
-"""So much of a drive weighs as much as what is known beforehand."""
-
-MEMORY_S: Final = 600.0
-"""Landscapes and traffic last for ten minutes."""
-
-ROLLING_MPS: Final = 3.0
-"""Who stands or parks says nothing of roads."""
+from imu_tracker.estimation.tuning import (
+    LEAST_FORWARD_MPS2,
+    LEAST_SLOPE_RAD,
+    ROAD_MEMORY_S,
+    ROAD_START_WEIGHT_S,
+    ROLLING_MPS,
+    START_FORWARD_MPS2,
+    START_SLOPE_RAD,
+)
 
 
-class Road:
+class RoadPrior:
     """Learns the spreads of slope and of forward acceleration while the receiver sees.
 
     Attributes
@@ -47,7 +36,7 @@ class Road:
     def __init__(self) -> None:
         self._slope_var = START_SLOPE_RAD**2
         self._forward_var = START_FORWARD_MPS2**2
-        self._weight_s = START_WEIGHT_S
+        self._weight_s = ROAD_START_WEIGHT_S
 
     @property
     def slope_sigma_rad(self) -> float:
@@ -59,14 +48,14 @@ class Road:
         """How hurried, one sigma of the mean of a second."""
         return max(math.sqrt(self._forward_var), LEAST_FORWARD_MPS2)
 
-    def observe(self, eskf: Eskf, period_s: float) -> None:
+    def learn(self, eskf: Eskf, period_s: float) -> None:
         """Take a stretch of a drive whose velocity and attitude are known."""
         if math.hypot(*eskf.nominal.v_n[:2]) < ROLLING_MPS:
             return
         ahead = eskf.C_vn()[0]
         slope_rad = math.asin(max(-1.0, min(1.0, -float(ahead[2]))))
         forward_mps2 = float(ahead @ eskf.mean_a_n)
-        self._weight_s = min(self._weight_s + period_s, MEMORY_S)
+        self._weight_s = min(self._weight_s + period_s, ROAD_MEMORY_S)
         share = period_s / self._weight_s
         self._slope_var += share * (slope_rad**2 - self._slope_var)
         self._forward_var += share * (forward_mps2**2 - self._forward_var)

@@ -11,38 +11,39 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.constraints import vehicle
 from imu_tracker.estimation.error_state.constraints.pedestrian import Gait
-from imu_tracker.estimation.error_state.constraints.road_prior import Road
+from imu_tracker.estimation.error_state.constraints.road_prior import RoadPrior
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.platform import Carrier
-from imu_tracker.estimation.error_state.states import ACCEL_BIAS, N_ERRORS
+from imu_tracker.estimation.error_state.platform import Platform
+from imu_tracker.estimation.error_state.states import (
+    ACCEL_BIAS,
+    N_ERRORS,
+    TILT_E,
+    TILT_N,
+)
+from imu_tracker.estimation.tuning import (
+    LEVELLING_SIGMA_MPS2,
+    STEADY_CORRELATION_S,
+    STEADY_MPS2,
+    STEADY_SIGMA_MPS2,
+)
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.motion.standstill import Rest
 
-DARK_AFTER_S: Final = 2.0
+OUTAGE_AFTER_S: Final = 2.0
 WEAK_PERIOD_S: Final = 1.0
 """What lasts for seconds is applied once a second."""
 
-LEVELLING_SIGMA_MPS2: Final = 3.0
-"""Own acceleration of a body of which nothing is known, mean of a second."""
 
-STEADY_MPS2: Final = 0.7
-STEADY_SIGMA_MPS2: Final = 0.3
-STEADY_LASTS_S: Final = 3.0
-"""A body whose velocity changes by less is steady, so far as a second's fixes tell;
-what is left of its own acceleration lasts. Who speeds up, or banks into a turn, does
-not feel where down is."""
-
-
-class Behaviour:
+class MotionConstraints:
     """Applies what the body is known to do, and learns it while the receiver sees.
 
     Parameters
     ----------
     bank : NoiseBank
     alignment : Alignment
-    carrier : Carrier
+    platform : Platform
 
     Attributes
     ----------
@@ -50,17 +51,19 @@ class Behaviour:
         Change of the receiver's velocity at the last fix; None: it tells none.
     """
 
-    def __init__(self, bank: NoiseBank, alignment: Alignment, carrier: Carrier) -> None:
-        self._bank, self._alignment, self._carrier = bank, alignment, carrier
+    def __init__(
+        self, bank: NoiseBank, alignment: Alignment, platform: Platform
+    ) -> None:
+        self._bank, self._alignment, self._platform = bank, alignment, platform
         self._weak_s = 0.0
-        self._road, self._gait = Road(), Gait()
+        self._road_prior, self._gait = RoadPrior(), Gait()
         self.own_accel_mps2: float | None = None
 
-    def forget_gait(self) -> None:
+    def reset_gait(self) -> None:
         """Discard the learnt gait, because the box may have been turned."""
         self._gait = Gait()
 
-    def apply(self, rest: Rest | None, period_s: float, dark_s: float) -> None:
+    def apply(self, rest: Rest | None, period_s: float, outage_s: float) -> None:
         """Let a stretch pass.
 
         Parameters
@@ -68,7 +71,7 @@ class Behaviour:
         rest : Rest or None
             Whether the body stands still at its end.
         period_s : float
-        dark_s : float
+        outage_s : float
             Since the last fix that was used.
         """
         alignment = self._alignment
@@ -81,64 +84,71 @@ class Behaviour:
         if rest is not None:
             self._rest(rest, period_s)
             return
-        if alignment.is_aligned and self._carrier.is_vehicle:
+        if alignment.is_aligned and self._platform.is_vehicle:
             for eskf in self._bank.filters:
-                eskf.apply(vehicle.no_side_slip(eskf, period_s))
+                eskf.update(vehicle.non_holonomic(eskf, period_s))
         if is_weak_due:
             if not alignment.is_aligned:
                 for eskf in self._bank.filters:
-                    self._level(eskf, dark_s)
-            if alignment.agnostic is not None:
-                self._level(alignment.agnostic, dark_s)
-            if dark_s > DARK_AFTER_S:
-                self._go_on(dark_s)
+                    self._level(eskf, outage_s)
+            if alignment.course_free is not None:
+                self._level(alignment.course_free, outage_s)
+            if outage_s > OUTAGE_AFTER_S:
+                self._apply_priors(outage_s)
             else:
                 self._learn()
 
     def _rest(self, rest: Rest, period_s: float) -> None:
         for eskf in self._alignment.filters:
-            eskf.apply(vehicle.rest(eskf, rest, period_s))
+            eskf.update(vehicle.zero_velocity(eskf, rest, period_s))
 
     def _learn(self) -> None:
         """See how the body goes while its velocity is known."""
-        main, carrier, alignment = self._bank.main, self._carrier, self._alignment
+        main, platform, alignment = self._bank.main, self._platform, self._alignment
         if alignment.level_q is not None:
             is_aligned = alignment.is_aligned
-            carrier.observe(main, alignment.level_q, is_aligned=is_aligned)
-        if carrier.is_vehicle and alignment.is_aligned:
-            self._road.observe(main, WEAK_PERIOD_S)
-        elif carrier.is_walker:
-            v_ne, is_stepping = main.nominal.v_n[:2], carrier.pace.is_stepping
-            turned_rad = carrier.turned_rad
-            self._gait.observe(v_ne, turned_rad, WEAK_PERIOD_S, is_stepping=is_stepping)
+            platform.add_motion(main, alignment.level_q, is_aligned=is_aligned)
+        if platform.is_vehicle and alignment.is_aligned:
+            self._road_prior.learn(main, WEAK_PERIOD_S)
+        elif platform.is_walker:
+            v_ne, is_stepping = main.nominal.v_n[:2], platform.step_detector.is_stepping
+            turned_rad = platform.turned_rad
+            self._gait.learn(v_ne, turned_rad, WEAK_PERIOD_S, is_stepping=is_stepping)
 
-    def _go_on(self, dark_s: float) -> None:
+    def _apply_priors(self, outage_s: float) -> None:
         """Take a body in the dark to go on as it did."""
-        carrier = self._carrier
+        platform = self._platform
         for eskf in self._bank.filters:
-            if carrier.is_vehicle and self._alignment.is_aligned:
-                slope, haste = self._road.slope_sigma_rad, self._road.forward_sigma_mps2
-                eskf.apply(vehicle.level_road(eskf, slope, WEAK_PERIOD_S))
-                eskf.apply(vehicle.unhurried(eskf, haste, WEAK_PERIOD_S))
-            elif carrier.is_walker:
+            if platform.is_vehicle and self._alignment.is_aligned:
+                slope, haste = (
+                    self._road_prior.slope_sigma_rad,
+                    self._road_prior.forward_sigma_mps2,
+                )
+                eskf.update(vehicle.road_slope_prior(eskf, slope, WEAK_PERIOD_S))
+                eskf.update(
+                    vehicle.longitudinal_accel_prior(eskf, haste, WEAK_PERIOD_S)
+                )
+            elif platform.is_walker:
                 onward = None
-                if carrier.pace.is_stepping:
-                    turned_rad = carrier.turned_rad
-                    onward = self._gait.goes_on(eskf, turned_rad, dark_s, WEAK_PERIOD_S)
-                eskf.apply(onward or self._gait.bounded(eskf, WEAK_PERIOD_S))
+                if platform.step_detector.is_stepping:
+                    turned_rad = platform.turned_rad
+                    onward = self._gait.continued_velocity(
+                        eskf, turned_rad, outage_s, WEAK_PERIOD_S
+                    )
+                eskf.update(onward or self._gait.speed_bound(eskf, WEAK_PERIOD_S))
 
-    def _level(self, eskf: Eskf, dark_s: float) -> None:
+    def _level(self, eskf: Eskf, outage_s: float) -> None:
         """Take the mean force for gravity, as far as the body is steady."""
         own_mps2 = self.own_accel_mps2
-        if own_mps2 is None or dark_s > DARK_AFTER_S:
-            eskf.apply(gravity_is_down(eskf, LEVELLING_SIGMA_MPS2**2))
-        elif own_mps2 < STEADY_MPS2 and _feels_gravity_alone(eskf):
+        if own_mps2 is None or outage_s > OUTAGE_AFTER_S:
+            eskf.update(gravity_levelling(eskf, LEVELLING_SIGMA_MPS2**2))
+        elif own_mps2 < STEADY_MPS2 and _is_force_gravity(eskf):
             variance = STEADY_SIGMA_MPS2**2 + own_mps2**2
-            measured = gravity_is_down(eskf, STEADY_LASTS_S * variance)
-            eskf.apply(vehicle.softened(eskf, measured))
+            measured = gravity_levelling(eskf, STEADY_CORRELATION_S * variance)
+            eskf.update(vehicle.soft_gated(eskf, measured))
 
 
-def _feels_gravity_alone(eskf: Eskf) -> bool:
+def _is_force_gravity(eskf: Eskf) -> bool:
     """Whether the force of the last second is as large as gravity: not so in a turn."""
     an, ae, ad = eskf.mean_a_n
     return (
@@ -147,7 +157,7 @@ def _feels_gravity_alone(eskf: Eskf) -> bool:
     )
 
 
-def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:
+def gravity_levelling(eskf: Eskf, variance: float) -> Measurement:
     """Of a body of which nothing is known, the mean force is gravity.
 
     Notes
@@ -157,6 +167,6 @@ def gravity_is_down(eskf: Eskf, variance: float) -> Measurement:
     an, ae, ad = eskf.mean_a_n
     fn, fe, fd = an, ae, ad - eskf.gravity_mps2
     H = np.zeros((2, N_ERRORS))
-    H[0, 7], H[1, 6] = fd, -fd
+    H[0, TILT_E], H[1, TILT_N] = fd, -fd
     H[:, ACCEL_BIAS] = -matrix(eskf.nominal.q_nb)[:2]
     return Measurement(np.array([-fn, -fe]), H, np.eye(2) * variance)

@@ -23,46 +23,28 @@ from imu_tracker.estimation.error_state.states import (
     Array,
     skew,
 )
+from imu_tracker.estimation.tuning import (
+    FORWARD_CORRELATION_S,
+    GENTLE_STOP_MPS,
+    GENTLE_STOP_S,
+    LATERAL_SIGMA_MPS,
+    REST_RATE_SIGMA_RADPS,
+    REST_SHAKING_SHARE,
+    REST_SPEED_SIGMA_MPS,
+    SLIP_CORRELATION_S,
+    SLIP_RAD_PER_MPS2,
+    SLOPE_CORRELATION_S,
+    SOFT_GATE_SIGMAS,
+    VERTICAL_RATIO,
+)
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.motion.standstill import Rest
 
-LATERAL_SIGMA_MPS: Final = 0.2
-"""Sideways velocity at the rear axle: camber, wind, play of the suspension."""
-
-SLIP_RAD_PER_MPS2: Final = 0.004
-"""Slip angle of a rear tyre by lateral acceleration: 1 deg at 4 m/s^2."""
-
-VERTICAL_RATIO: Final = 6.0
-"""Vertical over lateral: hills change, springs travel, the box is not at the axle."""
-
-ERROR_LASTS_S: Final = 0.3
-"""Errors of a constraint are correlated: applied more often than this, R grows."""
-
-SOFT_GATE: Final = 3.0
-"""An innovation beyond so many sigmas inflates R to meet it: a car that slides is
-believed to slide."""
-
-REST_SPEED_SIGMA_MPS: Final = 0.03
-REST_RATE_SIGMA_RADPS: Final = math.radians(0.05)
-"""A resting vehicle still rocks: of the mean of a second."""
-
-REST_SHAKING_SHARE: Final = 0.1
-"""Of what the gyro shakes by, this is left of the mean of a second."""
-
-REST_LASTS_S: Final = 1.0
+REST_CORRELATION_S: Final = 1.0
 """The mean of a second's samples is told afresh once a second."""
 
-GENTLE_STOP_MPS: Final = 1.0
-GENTLE_STOP_S: Final = 2.0
-"""Who stops gently is quiet before he stands: speed that may be left, and how fast it
-fades. After a minute in the dark each metre per second of it is worth thirty metres."""
 
-SLOPE_LASTS_S: Final = 10.0
-FORWARD_LASTS_S: Final = 5.0
-"""A slope lasts 150 m; braking and speeding up end after some seconds."""
-
-
-def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
+def non_holonomic(eskf: Eskf, period_s: float) -> Measurement:
     """Zero velocity across and, weakly, along the vehicle's vertical.
 
     Notes
@@ -84,14 +66,14 @@ def no_side_slip(eskf: Eskf, period_s: float) -> Measurement:
     H[0, AXLE] = -rate
     z = np.array([eskf.axle_m * rate - right, -down])
     slip = SLIP_RAD_PER_MPS2 * lateral_mps2 * ahead
-    votes = max(1.0, ERROR_LASTS_S / period_s)
-    lateral_var = votes * (LATERAL_SIGMA_MPS**2 + slip**2)
-    vertical_var = votes * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
+    factor = max(1.0, SLIP_CORRELATION_S / period_s)
+    lateral_var = factor * (LATERAL_SIGMA_MPS**2 + slip**2)
+    vertical_var = factor * (VERTICAL_RATIO * LATERAL_SIGMA_MPS) ** 2
     R = np.diag([lateral_var, vertical_var])
-    return softened(eskf, Measurement(z, H, R))
+    return soft_gated(eskf, Measurement(z, H, R))
 
 
-def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
+def zero_velocity(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
     """Zero velocity and zero rate: the mean rate of a second is the gyro's bias."""
     H = np.zeros((6, N_ERRORS))
     H[0:3, VELOCITY] = np.eye(3)
@@ -102,15 +84,15 @@ def rest(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
             np.subtract(seen.gyro_radps, eskf.gyro_bias_radps),
         ]
     )
-    votes = max(1.0, REST_LASTS_S / period_s)
+    factor = max(1.0, REST_CORRELATION_S / period_s)
     left_mps = GENTLE_STOP_MPS * math.exp(-seen.duration_s / GENTLE_STOP_S)
-    speed_var = votes * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
+    speed_var = factor * (REST_SPEED_SIGMA_MPS + left_mps) ** 2
     shaken_radps = REST_SHAKING_SHARE * seen.gyro_std_radps
-    rate_var = votes * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
+    rate_var = factor * (REST_RATE_SIGMA_RADPS**2 + shaken_radps**2)
     return Measurement(z, H, np.diag([speed_var] * 3 + [rate_var] * 3))
 
 
-def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
+def road_slope_prior(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
     """Roads are nearly level: the vehicle's pitch is 0, as steep as roads are here.
 
     Notes
@@ -122,15 +104,17 @@ def level_road(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
     H = np.zeros((1, N_ERRORS))
     # forward axis in NED: f = C_vn[0]; its down component changes with theta x f.
     fn, fe, _ = C_vn[0].tolist()
-    H[0, 6:9] = (fe, -fn, 0.0)
+    H[0, ATTITUDE] = (fe, -fn, 0.0)
     H[0, MOUNT_PITCH] = C_vn[2, 2]
     H[0, MOUNT_YAW] = -C_vn[1, 2]
     z = np.array([-C_vn[0, 2]])
-    votes = max(1.0, SLOPE_LASTS_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_rad**2]])))
+    factor = max(1.0, SLOPE_CORRELATION_S / period_s)
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_rad**2]])))
 
 
-def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
+def longitudinal_accel_prior(
+    eskf: Eskf, sigma_mps2: float, period_s: float
+) -> Measurement:
     """Own forward acceleration of the last second is small in the mean.
 
     Notes
@@ -142,17 +126,17 @@ def unhurried(eskf: Eskf, sigma_mps2: float, period_s: float) -> Measurement:
     a_v = C_vn @ np.array(eskf.mean_a_n)
     fn, fe, _ = C_vn[0].tolist()
     H = np.zeros((1, N_ERRORS))
-    H[0, 6:9] = (fe * eskf.gravity_mps2, -fn * eskf.gravity_mps2, 0.0)
+    H[0, ATTITUDE] = (fe * eskf.gravity_mps2, -fn * eskf.gravity_mps2, 0.0)
     H[0, ACCEL_BIAS] = -(C_vn[0] @ matrix(eskf.nominal.q_nb))
     H[0, MOUNT_PITCH], H[0, MOUNT_YAW] = a_v[2], -a_v[1]
     z = np.array([-a_v[0]])
-    votes = max(1.0, FORWARD_LASTS_S / period_s)
-    return softened(eskf, Measurement(z, H, np.array([[votes * sigma_mps2**2]])))
+    factor = max(1.0, FORWARD_CORRELATION_S / period_s)
+    return soft_gated(eskf, Measurement(z, H, np.array([[factor * sigma_mps2**2]])))
 
 
-def softened(eskf: Eskf, measured: Measurement) -> Measurement:
+def soft_gated(eskf: Eskf, measured: Measurement) -> Measurement:
     """Inflate R where an innovation lies beyond the soft gate, row by row."""
     z, H, R = measured
     predicted: Array = np.einsum("ij,jk,ik->i", H, eskf.P, H)
-    needed = (z / SOFT_GATE) ** 2 - predicted
+    needed = (z / SOFT_GATE_SIGMAS) ** 2 - predicted
     return Measurement(z, H, np.diag(np.maximum(R.diagonal(), needed)))

@@ -6,6 +6,7 @@ or noise level. Not here: the algebra of one filter (`error_state/filter`).
 
 __all__ = [
     "alignment",
+    "combined",
     "comparison",
     "mixture",
     "noise_bank",

@@ -1,9 +1,9 @@
 """Which way is down, which way is north, and how the box sits: the coarse stage.
 
-Course is not heading. The course is taken for the heading of a vehicle as soon as there
-is one, and held against what the accelerations say: beside the filters goes one that
-never believed the course (`agnostic`), and levels the accelerations for the yaw bank.
-Where the bank contradicts, a filter with its heading is tried by likelihood.
+Course is not heading. The course is taken for the heading of a vehicle once there
+is one, and checked against the accelerations: beside the filters runs one that never
+used the course (`course_free`); its attitude levels the accelerations for the yaw bank.
+Where the bank contradicts the heading, a filter with the bank's is tried by likelihood.
 """
 
 import math
@@ -17,18 +17,18 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
     REVERSE_MPS,
     REVERSE_RAD,
-    forget_gyro_bias,
-    head_for,
+    inflate_gyro_bias,
     off_course,
-    place,
-    turn,
+    rotate_yaw,
+    set_bank_heading,
+    set_course_heading,
     yaw_between,
 )
 from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
     YawBank,
 )
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.receiver_model import ReceiverModel
 from imu_tracker.estimation.error_state.states import (
     GYRO_BIAS,
@@ -64,7 +64,7 @@ BANK_VELOCITY_VAR: Final = 0.3**2
 
 CONTRADICTED_RAD: Final = math.radians(35.0)
 CONTRADICTED_FIXES: Final = 5
-"""How far, and how often, the bank must differ before it is believed: delay and tilt
+"""How far, and how often, the bank must differ before it is used: delay and tilt
 make it err by 10 degrees."""
 
 GUESS_SIGMA_RAD: Final = math.radians(30.0)
@@ -101,7 +101,7 @@ class Alignment:
     ----------
     bank : NoiseBank
         The filters.
-    carrier : Carrier
+    platform : Platform
     notify : callable
         Told in words what people want to read of.
 
@@ -111,18 +111,18 @@ class Alignment:
         Whether down is known, and north.
     level_q : Quat or None
         Attitude of the box as it was levelled.
-    agnostic : Eskf or None
+    course_free : Eskf or None
         The filter that never took the course for the heading, until the yaw bank has
         confirmed the others.
-    is_memory_unproved : bool
+    is_prior_unproved : bool
         Whether what an earlier run learnt is in the filters, and was not yet held
         against a filter without it.
     """
 
     def __init__(
-        self, bank: NoiseBank, carrier: Carrier, notify: Callable[[str], None]
+        self, bank: NoiseBank, platform: Platform, notify: Callable[[str], None]
     ) -> None:
-        self._bank, self._carrier, self._notify = bank, carrier, notify
+        self._bank, self._platform, self._notify = bank, platform, notify
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
@@ -130,10 +130,10 @@ class Alignment:
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
-        self.agnostic: Eskf | None = None
-        self.is_memory_unproved = self._is_memory_tried = False
-        self._is_memory_fresh = self._is_half_turn_tried = False
-        self._with_memory: Eskf | None = None
+        self.course_free: Eskf | None = None
+        self.is_prior_unproved = self._is_prior_tried = False
+        self._is_prior_fresh = self._is_half_turn_tried = False
+        self._with_prior: Eskf | None = None
 
     @property
     def is_level(self) -> bool:
@@ -143,8 +143,8 @@ class Alignment:
     @property
     def filters(self) -> tuple[Eskf, ...]:
         """All there are: what happens to the body, happens to each."""
-        agnostic = self.agnostic
-        return self._bank.filters + (() if agnostic is None else (agnostic,))
+        course_free = self.course_free
+        return self._bank.filters + (() if course_free is None else (course_free,))
 
     @property
     def _reference(self) -> Eskf:
@@ -153,7 +153,7 @@ class Alignment:
         Until the bank has spoken once, a filter that never took the course for the
         heading: a wrong heading spoils the tilt, and with it the evidence.
         """
-        return self._bank.main if self.agnostic is None else self.agnostic
+        return self._bank.main if self.course_free is None else self.course_free
 
     def can_use_force(self, rest: Rest | None) -> bool:
         """Whether forces can be rotated; at rest any yaw will do."""
@@ -161,17 +161,17 @@ class Alignment:
 
     def start(self) -> None:
         """Gather the evidence anew; the attitude stays."""
-        self._yaw_bank.forget()
-        self.agnostic = None
+        self._yaw_bank.reset()
+        self.course_free = None
         self._waited_s, self._n_contradicted = 0.0, 0
 
-    def doubt_course(self) -> None:
+    def distrust_course(self) -> None:
         """Wait for accelerations to show the heading: the course was none."""
         self._patience_s = DOUBTED_PATIENCE_S
 
     # --------------------------------------------------------------- with each step
 
-    def level(self, step: ImuStep) -> None:
+    def add_levelling_step(self, step: ImuStep) -> None:
         """Take the mean force of a second for gravity.
 
         A box that lies far from flat was mounted so: the vehicle is taken for level.
@@ -193,42 +193,44 @@ class Alignment:
                     eskf.q_vb = q_nb
             self.level_q = q_nb
 
-    def observe_stretch(self) -> None:
+    def add_stretch(self) -> None:
         """Give the yaw bank the level acceleration since the last prediction."""
         (dvn, dve, _), dt = self._reference.stretch
-        self._yaw_bank.add(dt, (dvn, dve))
+        self._yaw_bank.add_stretch(dt, (dvn, dve))
 
-    def moved(self, north_m: float, east_m: float) -> None:
+    def shift_origin(self, north_m: float, east_m: float) -> None:
         """Hear that the origin of positions went so far."""
-        self._yaw_bank.moved(north_m, east_m)
+        self._yaw_bank.shift_origin(north_m, east_m)
 
     def check_orientation(self) -> None:
         """Give up a heading, or a level, that is hardly known any more."""
         main = self._bank.main
         if self.is_level and max(main.P.diagonal()[TILT]) > LOST_TILT_SIGMA_RAD**2:
-            self.lose()
+            self.reset_orientation()
         elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
             self.start()  # the bank, too, turned with this attitude
 
-    def lose(self, notice: str = "the orientation was lost; learnt anew") -> None:
+    def reset_orientation(
+        self, notice: str = "the orientation was lost; learnt anew"
+    ) -> None:
         """Level anew and find north anew: the attitude, or the mounting, is wrong."""
-        is_vehicle = self._carrier.is_vehicle
+        is_vehicle = self._platform.is_vehicle
         for eskf in self._bank.filters:
-            eskf.forget_orientation(math.pi, is_vehicle=is_vehicle)
+            eskf.inflate_orientation(math.pi, is_vehicle=is_vehicle)
             eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
             if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
-                forget_gyro_bias(eskf)
+                inflate_gyro_bias(eskf)
             eskf.q_vb = IDENTITY
         self._bank.challenge_noise()
         self.level_q, self._level_s, self._level_dv = None, 0.0, (0.0, 0.0, 0.0)
-        self.is_aligned = self.is_memory_unproved = self._is_memory_tried = False
+        self.is_aligned = self.is_prior_unproved = self._is_prior_tried = False
         self.start()
         self._notify(notice)
 
     # ---------------------------------------------------------------- with each fix
 
-    def take_other_heading(self) -> bool:
+    def adopt_other_heading(self) -> bool:
         """Save the IMU by another heading: one on trial that leads, or the yaw bank's.
 
         Returns
@@ -236,64 +238,66 @@ class Alignment:
         bool
             Whether there was one.
         """
-        if self._bank.take_heading():
+        if self._bank.adopt_heading():
             self._settle(is_other=True)
             return True
-        yaw_rad, sigma_rad = self._yaw_bank.answer()
-        if self.agnostic is not None or not _contradicts(yaw_rad, sigma_rad):
+        yaw_rad, sigma_rad = self._yaw_bank.yaw()
+        if self.course_free is not None or not _contradicts(yaw_rad, sigma_rad):
             return False
         self._bank.challenge_noise()
-        self._is_memory_tried = self._is_half_turn_tried = False
-        self._take_yaw(yaw_rad, GUESS_SIGMA_RAD)
-        self._yaw_bank.forget()
+        self._is_prior_tried = self._is_half_turn_tried = False
+        self._set_bank_yaw(yaw_rad, GUESS_SIGMA_RAD)
+        self._yaw_bank.reset()
         self._notify("the heading was wrong; learnt anew")
         return True
 
-    def judge(self, main: float, challenger: float, period_s: float) -> None:
+    def add_log_likelihoods(
+        self, main: float, challenger: float, period_s: float
+    ) -> None:
         """Let the likelihood of the fix decide between the filters."""
-        heading = self._bank.judge(main, challenger, period_s)
+        heading = self._bank.add_log_likelihoods(main, challenger, period_s)
         if heading is not None:
             self._settle(is_other=heading)
 
     def _settle(self, *, is_other: bool) -> None:
         """Draw the conclusions of a trial of headings."""
-        if self._is_memory_tried:
-            self._is_memory_tried = self.is_memory_unproved = False
+        if self._is_prior_tried:
+            self._is_prior_tried = self.is_prior_unproved = False
             if is_other:
-                self._notify(_VERDICTS[self._bank.main is self._with_memory])
-            self._with_memory = None
+                self._notify(_VERDICTS[self._bank.main is self._with_prior])
+            self._with_prior = None
         elif is_other:
             self._notify("the heading was wrong; learnt anew")
         elif self._is_half_turn_tried:
             self._notify("the box sits with its x axis backwards")
         self._is_half_turn_tried = False
-        self.agnostic = None
-        self._yaw_bank.forget()
+        self.course_free = None
+        self._yaw_bank.reset()
 
-    def observe(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
+    def update(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
         """Find the heading, or doubt it, by a fix that was accepted."""
-        self._mind_reverse()
-        self._ask_yaw_bank(fix, position_ne, receiver)
+        self._check_reverse()
+        self._update_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
             self._align(fix, receiver.period_s)
-        elif self.is_memory_unproved and not self._bank.is_heading_trial:
-            self._try_memory(fix)
+        elif self.is_prior_unproved and not self._bank.is_heading_trial:
+            self._try_prior(fix)
 
-    def _mind_reverse(self) -> None:
+    def _check_reverse(self) -> None:
         """So fast backwards: the box, or the heading, is half a turn off."""
-        if not self._carrier.is_vehicle or not self.is_aligned:
+        if not self._platform.is_vehicle or not self.is_aligned:
             return
         main = self._bank.main
         if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
             candidate = main.clone(main.noise)
-            turn(candidate, math.pi)
-            candidate.forget_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
+            rotate_yaw(candidate, math.pi)
+            candidate.inflate_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
             for eskf in self._bank.filters:
                 eskf.turn_mounting_half()
-            self._is_memory_tried, self._is_half_turn_tried = False, True
+            self._is_prior_tried, self._is_half_turn_tried = False, True
             self._bank.challenge_heading(candidate)
 
-    def _ask_yaw_bank(
+    def _update_yaw_bank(
         self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel
     ) -> None:
         """Compare the heading with what the accelerations say of it."""
@@ -312,43 +316,47 @@ class Alignment:
             levelled.down_bias,
         )
         if self.is_aligned and (
-            self._is_memory_tried or not self._bank.is_heading_trial
+            self._is_prior_tried or not self._bank.is_heading_trial
         ):
-            self._hold_against(*yaw_bank.answer())
+            self._compare_heading(*yaw_bank.yaw())
 
-    def _hold_against(self, yaw_rad: float, sigma_rad: float) -> None:
+    def _compare_heading(self, yaw_rad: float, sigma_rad: float) -> None:
         """Try the bank's heading, once it has contradicted for long enough."""
         eskf, levelled = self._bank.main, self._reference
         turned_rad = yaw_between(eskf.nominal.q_nb, levelled.nominal.q_nb)
         if not _contradicts(wrap_pi(yaw_rad - turned_rad), sigma_rad):
             self._n_contradicted = 0
-            if sigma_rad < CONVERGED_SIGMA_RAD and self.agnostic is not None:
-                self.agnostic = None
-                self._yaw_bank.forget()
+            if sigma_rad < CONVERGED_SIGMA_RAD and self.course_free is not None:
+                self.course_free = None
+                self._yaw_bank.reset()
             return
         self._n_contradicted += 1
         if self._n_contradicted >= CONTRADICTED_FIXES:
             self._n_contradicted = 0
             candidate = eskf.clone(eskf.noise)
-            candidate.take_over(levelled)
-            place(candidate, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
-            self._is_memory_tried = False
+            candidate.copy_state_from(levelled)
+            set_bank_heading(
+                candidate, yaw_rad, sigma_rad, is_vehicle=self._platform.is_vehicle
+            )
+            self._is_prior_tried = False
             self._bank.challenge_heading(candidate)
 
-    def _take_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
+    def _set_bank_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
         """Align by the bank's word."""
         for eskf in self._bank.filters:
-            place(eskf, yaw_rad, sigma_rad, is_vehicle=self._carrier.is_vehicle)
-        self._yaw_bank.turned(yaw_rad)
+            set_bank_heading(
+                eskf, yaw_rad, sigma_rad, is_vehicle=self._platform.is_vehicle
+            )
+        self._yaw_bank.rotate_yaw(yaw_rad)
         self.is_aligned = True
 
     def _align(self, fix: GpsFix, period_s: float) -> None:
         """Take the course of a vehicle for its heading, or else the bank's word."""
-        yaw_rad, sigma_rad = self._yaw_bank.answer()
-        course = self._course(fix) if self._carrier.is_vehicle else None
+        yaw_rad, sigma_rad = self._yaw_bank.yaw()
+        course = self._course(fix) if self._platform.is_vehicle else None
         if course is None:
             if sigma_rad < CONVERGED_SIGMA_RAD:
-                self._take_yaw(yaw_rad, sigma_rad)
+                self._set_bank_yaw(yaw_rad, sigma_rad)
             return
         course_rad, course_sigma_rad = course
         main = self._bank.main
@@ -357,11 +365,11 @@ class Alignment:
             return
         wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
         if _contradicts(wrong_rad, sigma_rad):
-            self._take_yaw(yaw_rad, sigma_rad)
+            self._set_bank_yaw(yaw_rad, sigma_rad)
             return
-        self.agnostic = main.clone(main.noise)
+        self.course_free = main.clone(main.noise)
         for eskf in self._bank.filters:
-            head_for(eskf, course_rad, course_sigma_rad)
+            set_course_heading(eskf, course_rad, course_sigma_rad)
         self.is_aligned = True
 
     def _course(self, fix: GpsFix) -> tuple[float, float] | None:
@@ -378,22 +386,22 @@ class Alignment:
 
     # ------------------------------------------------------- what an earlier run knew
 
-    def recall_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
+    def set_parked_yaw(self, yaw_rad: float, sigma_rad: float) -> None:
         """Take the heading in which the vehicle was left."""
         for eskf in self._bank.filters:
-            turn(eskf, wrap_pi(yaw_rad - to_euler(eskf.nominal.q_nb)[2]))
+            rotate_yaw(eskf, wrap_pi(yaw_rad - to_euler(eskf.nominal.q_nb)[2]))
             eskf.set_variances(YAW, [sigma_rad**2])
-        self._yaw_bank.turned(yaw_rad)
+        self._yaw_bank.rotate_yaw(yaw_rad)
         self.is_aligned = True
 
-    def remember(self, *, is_fresh: bool) -> None:
+    def note_prior(self, *, is_fresh: bool) -> None:
         """Hear that the filters began with what an earlier run learnt.
 
         `is_fresh` says that there was no time to take the box elsewhere.
         """
-        self.is_memory_unproved, self._is_memory_fresh = True, is_fresh
+        self.is_prior_unproved, self._is_prior_fresh = True, is_fresh
 
-    def _try_memory(self, fix: GpsFix) -> None:
+    def _try_prior(self, fix: GpsFix) -> None:
         """Try a filter with what an earlier run learnt against one without it.
 
         As soon as the vehicle goes: parked, nothing tells the two apart. If the box is
@@ -406,38 +414,40 @@ class Alignment:
             return
         main = self._bank.main
         without = main.clone(main.noise)
-        self._forget_memory(without)
-        if self._carrier.is_vehicle:
+        self._forget_prior(without)
+        if self._platform.is_vehicle:
             off_rad = abs(off_course(main, course[0]))
             if CONTRADICTED_RAD < off_rad < REVERSE_RAD:
                 # Neither ahead nor in reverse: it was not left with this heading.
                 for eskf in self._bank.filters:
-                    head_for(eskf, *course)
-            head_for(without, *course)
-        self._is_memory_tried, self._with_memory = True, main
-        if self._is_memory_fresh or main.sigma(GYRO_BIAS.start) < RESTED_SIGMA_RADPS:
+                    set_course_heading(eskf, *course)
+            set_course_heading(without, *course)
+        self._is_prior_tried, self._with_prior = True, main
+        if self._is_prior_fresh or main.sigma(GYRO_BIAS.start) < RESTED_SIGMA_RADPS:
             self._bank.challenge_heading(without)
         else:
             self._bank.main = without
             self._bank.challenge_heading(main)
 
-    def give_up_memory(self) -> None:
+    def discard_prior(self) -> None:
         """Learn anew, after what was remembered has led astray."""
-        if not self.is_memory_unproved:
+        if not self.is_prior_unproved:
             return
-        self.is_memory_unproved = self._is_memory_tried = False
-        self._forget_memory(self._bank.main)
+        self.is_prior_unproved = self._is_prior_tried = False
+        self._forget_prior(self._bank.main)
         self._bank.challenge_noise()
         self.is_aligned = False
         self.start()
         self._notify("what the last run learnt does not fit; learnt anew")
 
-    def _forget_memory(self, eskf: Eskf) -> None:
+    def _forget_prior(self, eskf: Eskf) -> None:
         """Doubt the orientation, the biases and the mounting as a first start does."""
-        eskf.forget_orientation(eskf.sigma(8), is_vehicle=self._carrier.is_vehicle)
+        eskf.inflate_orientation(
+            eskf.sigma(YAW.start), is_vehicle=self._platform.is_vehicle
+        )
         if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
-            forget_gyro_bias(eskf)
-        if self._carrier.is_vehicle and self.level_q is not None:
+            inflate_gyro_bias(eskf)
+        if self._platform.is_vehicle and self.level_q is not None:
             roll, pitch, _ = to_euler(self.level_q)
             is_odd = max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD
             eskf.q_vb = self.level_q if is_odd else IDENTITY

@@ -5,7 +5,7 @@ import numpy as np
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import ReceiverAlone
-from imu_tracker.estimation.error_state.platform import Carrier
+from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
@@ -20,7 +20,7 @@ class Comparison:
 
     Parameters
     ----------
-    carrier : Carrier
+    platform : Platform
 
     Attributes
     ----------
@@ -28,14 +28,14 @@ class Comparison:
     odds : Odds
     """
 
-    def __init__(self, carrier: Carrier) -> None:
-        self._carrier = carrier
-        self.alone = ReceiverAlone(MAX_SPEED_MPS[carrier.profile])
+    def __init__(self, platform: Platform) -> None:
+        self._platform = platform
+        self.alone = ReceiverAlone(MAX_SPEED_MPS[platform.profile])
         self.odds = Odds()
 
     def change_profile(self) -> None:
-        """Bound the speed by what the carrier may do now."""
-        self.alone.max_speed_mps = MAX_SPEED_MPS[self._carrier.profile]
+        """Bound the speed by what the platform may do now."""
+        self.alone.max_speed_mps = MAX_SPEED_MPS[self._platform.profile]
 
     def weigh(
         self,
@@ -65,7 +65,7 @@ class Comparison:
         """
         noise = receiver.noise(fix, position)
         instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
-        psd = self._carrier.unknown_accel_psd
+        psd = self._platform.unknown_accel_psd
         was_settled = self.alone.is_settled
         alone = self.alone.update(fix, instant_ns, noise, psd)
         if alone is None or not was_settled or not has_say:

@@ -89,12 +89,12 @@ class Odds:
             return Verdict.IMU_LOST
         return Verdict.NONE
 
-    def pardon(self) -> None:
+    def undo_loss(self) -> None:
         """Undo the last loss: the heading was wrong, not the IMU."""
         self._n_lost -= 1
         self.is_imu_out, self.nats = False, 0.0
 
-    def doubt(self) -> None:
+    def restart_trial(self) -> None:
         """Put the IMU on trial again, with another heading or after a restart."""
         self.nats, self.is_proved = min(self.nats, START_NATS), False
 

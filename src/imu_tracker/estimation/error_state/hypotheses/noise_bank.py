@@ -78,7 +78,9 @@ class NoiseBank:
         self.is_heading_trial = True
         self._trial_s = self._lead = 0.0
 
-    def judge(self, main: float, challenger: float, period_s: float) -> bool | None:
+    def add_log_likelihoods(
+        self, main: float, challenger: float, period_s: float
+    ) -> bool | None:
         """Take the log-likelihoods of one fix under both.
 
         Returns
@@ -97,7 +99,7 @@ class NoiseBank:
             return self._end_trial(is_won=False)
         return None
 
-    def take_heading(self) -> bool:
+    def adopt_heading(self) -> bool:
         """Take the other heading at once if it leads; return whether it did."""
         if not self.is_heading_trial or self._lead <= 0.0:
             return False

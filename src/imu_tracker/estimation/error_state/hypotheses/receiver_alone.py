@@ -15,14 +15,13 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.states import Array
 from imu_tracker.estimation.receiver.gate import NIS_LIMIT
+from imu_tracker.estimation.tuning import ANY_SPEED_MPS, PAUSE_S
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.samples import GpsFix
 
 UNKNOWN_DELAY_S: Final = 0.3
 """Standard deviation of a receiver's delay that no IMU has measured."""
 
-ANY_SPEED_MPS: Final = 20.0
-"""Standard deviation per axis of a velocity that the receiver does not send."""
 
 RESTART_FIXES: Final = 3
 """After so many outliers in a row it starts again from the last of them."""
@@ -30,12 +29,9 @@ RESTART_FIXES: Final = 3
 SETTLING_NS: Final = 3_000_000_000
 """Until then after a start its predictions are not compared."""
 
-SPEED_LASTS_S: Final = 30.0
+SPEED_CORRELATION_S: Final = 30.0
 """Correlation time of the velocity's deviation: roads turn and lights change, so that
 it does not grow without a limit."""
-
-LONGEST_S: Final = 10.0
-"""After a longer gap it starts again from the next fix."""
 
 
 class FixNoise(NamedTuple):
@@ -122,7 +118,7 @@ class ReceiverAlone:
             Log-likelihood of its position and velocity; None: an outlier, or there was
             no prediction.
         """
-        if self._t_ns is None or not 0 <= t_ns - self._t_ns < LONGEST_S * 1e9:
+        if self._t_ns is None or not 0 <= t_ns - self._t_ns < PAUSE_S * 1e9:
             self.start(fix, t_ns, noise)
             return None
         dt_s = (t_ns - self._t_ns) * 1e-9
@@ -168,7 +164,7 @@ class ReceiverAlone:
 
     def _grown(self, dt_s: float, accel_psd: float) -> Array:
         F = np.array([[1.0, dt_s], [0.0, 1.0]])
-        tau = SPEED_LASTS_S
+        tau = SPEED_CORRELATION_S
         once, twice = 1.0 - math.exp(-dt_s / tau), 1.0 - math.exp(-2.0 * dt_s / tau)
         q_pp = tau**2 * (dt_s - 2.0 * tau * once + 0.5 * tau * twice)
         q_pv, q_vv = 0.5 * (tau * once) ** 2, 0.5 * tau * twice

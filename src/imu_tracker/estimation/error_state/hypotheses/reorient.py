@@ -15,6 +15,8 @@ from imu_tracker.estimation.error_state.states import (
     GYRO_BIAS,
     MOUNT_YAW,
     N_ERRORS,
+    TILT,
+    YAW_D,
     start_covariance,
 )
 from imu_tracker.geometry.rotation import (
@@ -39,17 +41,17 @@ REVERSE_MPS: Final = 5.0
 """Nobody reverses faster."""
 
 
-def turn(eskf: Eskf, yaw_rad: float) -> None:
+def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
     """Turn the attitude about down, and its covariance with it."""
     nominal = eskf.nominal
     eskf.nominal = nominal._replace(q_nb=turn_about_down(nominal.q_nb, yaw_rad))
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     T = np.eye(N_ERRORS)
-    T[6:8, 6:8] = [[cosine, -sine], [sine, cosine]]
+    T[TILT, TILT] = [[cosine, -sine], [sine, cosine]]
     eskf.P = T @ eskf.P @ T.T
 
 
-def head_for(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
+def set_course_heading(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
     """Turn so that the vehicle heads along a course, known to `sigma_rad`.
 
     Notes
@@ -57,23 +59,25 @@ def head_for(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
     The box's yaw is the course less the mounting: theta_d = course - mu_yaw, so that
     var = sigma^2 + var(mu), cov(theta_d, mu) = -var(mu).
     """
-    turn(eskf, off_course(eskf, course_rad))
+    rotate_yaw(eskf, off_course(eskf, course_rad))
     P = eskf.P.copy()
-    P[8, :] = P[:, 8] = 0.0
+    P[YAW_D, :] = P[:, YAW_D] = 0.0
     row = -P[MOUNT_YAW, :].copy()
-    P[8, :] = P[:, 8] = row
-    P[8, 8] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
+    P[YAW_D, :] = P[:, YAW_D] = row
+    P[YAW_D, YAW_D] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
     eskf.P = P
 
 
-def place(eskf: Eskf, yaw_rad: float, sigma_rad: float, *, is_vehicle: bool) -> None:
+def set_bank_heading(
+    eskf: Eskf, yaw_rad: float, sigma_rad: float, *, is_vehicle: bool
+) -> None:
     """Turn to a heading that accelerations have shown; see how the box sits.
 
     A vehicle goes where its course goes: if that is not ahead, it is the box that sits
     turned. But a half turn at low speed is a vehicle that goes backwards.
     """
-    turn(eskf, yaw_rad)
-    eskf.forget_orientation(sigma_rad, is_vehicle=is_vehicle)
+    rotate_yaw(eskf, yaw_rad)
+    eskf.inflate_orientation(sigma_rad, is_vehicle=is_vehicle)
     vn, ve, _ = eskf.nominal.v_n
     speed_mps = math.hypot(vn, ve)
     if not is_vehicle or speed_mps < MOUNTING_SPEED_MPS:
@@ -91,7 +95,7 @@ def mount_along_course(eskf: Eskf) -> None:
     eskf.q_vb = multiply(q_vn, eskf.nominal.q_nb)
 
 
-def forget_gyro_bias(eskf: Eskf) -> None:
+def inflate_gyro_bias(eskf: Eskf) -> None:
     """Keep the gyro's bias, but doubt it as at the first start."""
     fresh = start_covariance(is_vehicle=False)
     eskf.set_variances(GYRO_BIAS, fresh.diagonal()[GYRO_BIAS])

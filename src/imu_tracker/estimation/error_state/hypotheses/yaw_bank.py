@@ -18,16 +18,17 @@ from typing import Final
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.states import GYRO_DRIFT_PSD, Array
+from imu_tracker.estimation.error_state.states import Array
+from imu_tracker.estimation.tuning import GYRO_DRIFT_PSD
 
 N_HYPOTHESES: Final = 12
 """30 degrees apart: each filter is linear over the 15 to its border."""
 
 ACCEL_SIGMA_MPS2: Final = 0.3
-ACCEL_LASTS_S: Final = 1.0
+ACCEL_CORRELATION_S: Final = 1.0
 """Error of the acceleration beside that of the levelling: vibration, scale."""
 
-LEVELLING_LASTS_S: Final = 2.0
+LEVELLING_CORRELATION_S: Final = 2.0
 """An error of the levelling turns with the body: white over longer than that."""
 
 CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
@@ -69,20 +70,20 @@ class YawBank:
         self._dp = [0.0, 0.0]
         self.age_s = math.inf  # not begun
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Begin anew with the next fix."""
         self.age_s = math.inf
 
-    def turned(self, yaw_rad: float) -> None:
+    def rotate_yaw(self, yaw_rad: float) -> None:
         """Hear that the attitude was turned."""
         self._x[:, 4] -= yaw_rad
 
-    def moved(self, north_m: float, east_m: float) -> None:
+    def shift_origin(self, north_m: float, east_m: float) -> None:
         """Hear that the origin of positions went so far."""
         self._x[:, 0] -= north_m
         self._x[:, 1] -= east_m
 
-    def add(self, dt_s: float, dv_ne_mps: tuple[float, float]) -> None:
+    def add_stretch(self, dt_s: float, dv_ne_mps: tuple[float, float]) -> None:
         """Sum a stretch of level acceleration."""
         for i in (0, 1):
             self._dp[i] += (self._dv[i] + 0.5 * dv_ne_mps[i]) * dt_s
@@ -136,7 +137,7 @@ class YawBank:
     def _is_worn_out(self) -> bool:
         """Whether all hypotheses have become one."""
         return math.isinf(self.age_s) or (
-            self.age_s > RESPAWN_S and self.answer()[1] < CONVERGED_SIGMA_RAD
+            self.age_s > RESPAWN_S and self.yaw()[1] < CONVERGED_SIGMA_RAD
         )
 
     def _begin(
@@ -177,7 +178,10 @@ class YawBank:
         x[:, :2] += x[:, 2:4] * dt + R @ dp
         x[:, 2:4] += R @ dv
         x[:, 4] -= (x[:, 5] - bias_radps) * dt
-        psd = ACCEL_SIGMA_MPS2**2 * ACCEL_LASTS_S + LEVELLING_LASTS_S * accel_var
+        psd = (
+            ACCEL_SIGMA_MPS2**2 * ACCEL_CORRELATION_S
+            + LEVELLING_CORRELATION_S * accel_var
+        )
         q = np.diag(
             [psd * dt**3 / 3.0] * 2
             + [psd * dt] * 2
@@ -207,7 +211,7 @@ class YawBank:
         P = self._P - gain[:, :, None] * self._P[:, None, 5, :]
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
 
-    def answer(self) -> tuple[float, float]:
+    def yaw(self) -> tuple[float, float]:
         """Mean of the yaw and its standard deviation, radians."""
         if math.isinf(self.age_s):
             return 0.0, math.pi

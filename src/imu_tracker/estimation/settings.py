@@ -1,0 +1,59 @@
+"""What the configuration says to the estimation, and the estimator that it chooses."""
+
+from typing import Final, NamedTuple
+
+from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.warm_start import LearnedParameters
+from imu_tracker.estimation.receiver.fix_period import FixPeriod
+from imu_tracker.estimation.rewind import Navigator, Rewinding
+from imu_tracker.samples import Mount, Vec3
+
+TYPICAL_LATENCY_S: Final = 0.2
+"""From the instant that an epoch describes to its first byte, for most receivers."""
+
+
+class TrackerSettings(NamedTuple):
+    """What the configuration says to the estimation."""
+
+    estimator: str = "error-state"
+    profile: str = "auto"
+    latency_s: float | None = None  # None: measured, by an estimator that can
+    lever_arm_m: Vec3 = (0.0, 0.0, 0.0)
+    rate_hz: int = 4
+    mount: Mount | None = None  # None: the header's
+    gps_date: str = ""
+    start: tuple[float, float] | None = None  # latitude, longitude in radians
+    start_radius_m: float = 50.0
+    prior: LearnedParameters | None = None  # what an earlier run learnt
+    uses_wheels: bool = True
+
+    @property
+    def assumed_latency_s(self) -> float:
+        """The configured latency, or what is assumed until it is measured."""
+        return TYPICAL_LATENCY_S if self.latency_s is None else self.latency_s
+
+
+def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
+    """Make the estimator that the configuration chooses."""
+    if settings.estimator == "error-state":
+        prior = settings.prior
+        if prior is not None:
+            prior = later(prior, -settings.assumed_latency_s)
+        return ErrorState(
+            *(settings.profile, settings.lever_arm_m, prior),
+            uses_wheels=settings.uses_wheels,
+            fix_period=fix_period,
+        )
+    # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
+    from imu_tracker.estimation.six_state.estimator import SixState
+
+    profile = "free" if settings.profile == "auto" else settings.profile
+    return Rewinding(SixState(profile, settings.lever_arm_m, fix_period), profile)
+
+
+def later(learnt: LearnedParameters, by_s: float) -> LearnedParameters:
+    """Return the same with the latencies counted from an instant `by_s` earlier."""
+    return learnt._replace(
+        latency_s=learnt.latency_s + by_s,
+        velocity_latency_s=learnt.velocity_latency_s + by_s,
+    )
