@@ -96,11 +96,8 @@ class Eskf(Strapdown):
         Mounting: takes the box's axes to the vehicle's.
     receiver_ne_m : (north, east), m
         Lasting error of the receiver.
-    delay_s, velocity_delay_s : float
-        A fix describes so much later than its nominal instant.
-    axle_m : float
-    wheel_scale : float
-        Wheels are larger by this share than where the scale began.
+    delay_s, velocity_delay_s, axle_m, wheel_scale : float
+        As their errors in `states`.
     receiver_var : float, m^2
         Of the receiver's lasting error, per axis.
     P : ndarray, shape (32, 32)
@@ -114,9 +111,8 @@ class Eskf(Strapdown):
         self.q_vb: Quat = IDENTITY
         self.receiver_ne_m = (0.0, 0.0)
         self.receiver_var = 4.0
-        self.delay_s = self.velocity_delay_s = 0.0
+        self.delay_s = self.velocity_delay_s = self.wheel_scale = 0.0
         self.axle_m = START_AXLE_M
-        self.wheel_scale = 0.0
         self._granted_var, self._granted_ns = 0.0, 0
 
     def clone(self, noise: NoiseLevel) -> "Eskf":

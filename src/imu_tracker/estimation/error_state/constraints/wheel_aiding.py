@@ -32,6 +32,9 @@ CHANGED_CLARITY: Final = 1.15
 """Another circumference that is so far off and so much clearer is the true one: other
 tyres differ by 1 to 4 %."""
 
+MOST_SIGMA: Final = 0.03
+"""Of a circumference that is known at all: wheels that fit the same car."""
+
 HEARD_SHARE: Final = 0.5
 """Wheels that speak for less of the way are faint."""
 
@@ -109,9 +112,10 @@ class WheelAiding:
         main = self._main
         if wheels is None or main is None or reference_m is None:
             return None
+        sigma = min(main.sigma(WHEEL_SCALE), MOST_SIGMA)  # a car that stood for weeks
         return KeptWheels(
             reference_m * (1.0 + main.wheel_scale),
-            reference_m * main.sigma(WHEEL_SCALE),
+            reference_m * sigma,
             tuple(wheels.strength.ravel().tolist()),
         )
 
