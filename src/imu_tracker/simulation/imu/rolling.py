@@ -13,7 +13,7 @@ import numpy as np
 
 from imu_tracker.simulation.motion.paths import FloatArray
 
-ORDER_SHARES: Final = (0.2, 0.09, 0.05, 0.03)
+ORDER_SHARES: Final = (0.4, 0.2, 0.12, 0.08)
 """Amplitude of a wheel's orders 1 to 4 over the road's shaking, before it is drawn."""
 
 CARS_SPREAD: Final = 0.35
@@ -31,6 +31,11 @@ GEARS: Final = ((4.0, 0.16), (8.0, 0.29), (12.0, 0.43), (17.0, 0.58), (math.inf,
 half of it."""
 IDLE_HZ: Final = 13.0
 ENGINE_SHARE: Final = 0.4  # of what the box is shaken with while the engine idles
+
+BODY_HZ: Final = (12.0, 3.5)
+PASSED_SHARE: Final = 0.03
+"""A body resonates about 12 Hz, and passes the lines on as it does the road's noise;
+beyond, next to nothing."""
 
 NO_LINES_SHARE: Final = 0.1
 STRETCH_M: Final = (200.0, 900.0)
@@ -65,8 +70,6 @@ class Rolling:
         self._shares = np.array(ORDER_SHARES)[:, None] * drawn
         self._phases = rng.uniform(0.0, 2.0 * math.pi, (2, n_orders, 6))
         self._engine_phases = rng.uniform(0.0, 2.0 * math.pi, (2, 6))
-        self._resonances_hz = rng.uniform((9.0, 22.0), (14.0, 32.0))
-        self._damping = float(rng.uniform(0.15, 0.3))
         self._turns = np.zeros(2)  # of the left and the right wheels
         self._engine_turns = self._way_m = 0.0
         self._last_s = 0.0
@@ -122,11 +125,9 @@ class Rolling:
         return total
 
     def _gain(self, f_hz: FloatArray) -> FloatArray:
-        """How the body passes a frequency on: two resonances, nothing above Nyquist."""
-        gain = np.full(len(f_hz), 0.5)
-        for peak_hz in self._resonances_hz:
-            x = f_hz / peak_hz
-            gain += 0.5 / np.hypot(1.0 - x**2, 2.0 * self._damping * x)
+        """How the body passes a frequency on; nothing near Nyquist's."""
+        centre_hz, width_hz = BODY_HZ
+        gain = np.exp(-0.5 * ((f_hz - centre_hz) / width_hz) ** 2) + PASSED_SHARE
         return np.where(np.abs(f_hz) < 0.9 * self._nyquist_hz, gain, 0.0)
 
     def _engine(self, dt_s: FloatArray, speed_mps: FloatArray) -> FloatArray:
