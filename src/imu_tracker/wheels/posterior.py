@@ -22,6 +22,10 @@ votes are one."""
 MOST_POWER: Final = 3.0
 """In units of a line's mean: what is stronger is something else, and counts no more."""
 
+ORDER_NATS: Final = 4.0
+"""No order says more in one window, however many channels agree: an engine in gear
+makes a line that follows the speed and is stronger than all of the wheels'."""
+
 ABSENT: Final = 0.1
 GONE: Final = 0.8
 """Probability that the lines are missing in one window (a bump), and in all windows of
@@ -87,13 +91,13 @@ def log_likelihood(found: Spectrum, strength: Array, turns_hz: Array) -> Array:
     -----
     Under a line the power is exponential with the mean 1 + rho, elsewhere with the
     mean 1: log L = sum of -log(1 + rho) + r rho / (1 + rho) over orders and channels,
-    no r above `MOST_POWER` (1 + rho); or else, with the probability `ABSENT`, the
+    no r above `MOST_POWER` (1 + rho), no order above `ORDER_NATS`; or else, with the probability `ABSENT`, the
     window says nothing.
     """
     rho = strength
     power = np.minimum(found.at(turns_hz) / (1.0 + rho), MOST_POWER)
     terms = power * rho - np.log1p(rho)
-    total = terms.sum(axis=(1, 2))
+    total = np.minimum(terms.sum(axis=2), ORDER_NATS).sum(axis=1)
     log_l: Array = np.logaddexp(total + math.log(1.0 - ABSENT), math.log(ABSENT))
     return log_l
 
