@@ -91,8 +91,8 @@ def log_likelihood(found: Spectrum, strength: Array, turns_hz: Array) -> Array:
     -----
     Under a line the power is exponential with the mean 1 + rho, elsewhere with the
     mean 1: log L = sum of -log(1 + rho) + r rho / (1 + rho) over orders and channels,
-    no r above `MOST_POWER` (1 + rho), no order above `ORDER_NATS`; or else, with the probability `ABSENT`, the
-    window says nothing.
+    no r above `MOST_POWER` (1 + rho), no order above `ORDER_NATS`; or else, with the
+    probability `ABSENT`, the window says nothing.
     """
     rho = strength
     power = np.minimum(found.at(turns_hz) / (1.0 + rho), MOST_POWER)

@@ -83,7 +83,7 @@ def test_a_known_speed_teaches_the_circumference() -> None:
 def test_wheels_can_be_switched_off_and_change_nothing_where_none_are_heard() -> None:
     found = []
     for hears in (True, False):
-        session = simulate("drive", seed=2, duration_s=150.0)
+        session = simulate("drive", seed=2, duration_s=150.0, wheels=False)
         settings = TrackerSettings(profile="vehicle", uses_wheels=hears)
         pipeline = Pipeline(session.header, settings)
         hidden = without(session.frames, Source.GPS, 100.0, 140.0)
@@ -93,3 +93,27 @@ def test_wheels_can_be_switched_off_and_change_nothing_where_none_are_heard() ->
     assert heard == off
     assert report is not None
     assert nothing is None
+
+
+def test_the_wheels_of_a_drive_are_found_and_given_on_to_the_next_run() -> None:
+    session = simulate("drive", seed=2, duration_s=180.0)
+    settings = TrackerSettings(profile="vehicle")
+    pipeline = Pipeline(session.header, settings)
+    for frame in session.frames:
+        pipeline.feed(frame)
+    learnt = pipeline.learnt()
+    assert learnt is not None
+    assert learnt.wheels is not None
+    told = pipeline.report()["wheels"]
+    assert isinstance(told, dict)
+    assert told["circumference_m"] == pytest.approx(learnt.wheels.circumference_m)
+
+    again = simulate("drive", seed=2, duration_s=40.0)
+    next_run = Pipeline(again.header, settings._replace(prior=learnt))
+    for frame in again.frames:
+        next_run.feed(frame)
+    remembered = next_run.report()["wheels"]
+    assert isinstance(remembered, dict)
+    assert remembered["circumference_m"] == pytest.approx(
+        learnt.wheels.circumference_m, rel=0.02
+    )
