@@ -23,8 +23,10 @@ MOST_POWER: Final = 3.0
 """In units of a line's mean: what is stronger is something else, and counts no more."""
 
 ORDER_NATS: Final = 4.0
-"""No order says more in one window, however many channels agree: an engine in gear
-makes a line that follows the speed and is stronger than all of the wheels'."""
+ORDER_TIMES: Final = 1.5
+"""No order says more in one window than this, or than so many times what it says on
+average where its lines are. An engine in gear makes a line that follows the speed and
+is stronger than a wheel's: a wheel's weak order must not speak for it."""
 
 ABSENT: Final = 0.1
 GONE: Final = 0.8
@@ -91,13 +93,16 @@ def log_likelihood(found: Spectrum, strength: Array, turns_hz: Array) -> Array:
     -----
     Under a line the power is exponential with the mean 1 + rho, elsewhere with the
     mean 1: log L = sum of -log(1 + rho) + r rho / (1 + rho) over orders and channels,
-    no r above `MOST_POWER` (1 + rho), no order above `ORDER_NATS`; or else, with the
-    probability `ABSENT`, the window says nothing.
+    no r above `MOST_POWER` (1 + rho), no order above `ORDER_NATS` and `ORDER_TIMES` its
+    mean under lines, the sum of rho - log(1 + rho); or else, with the probability
+    `ABSENT`, the window says nothing.
     """
     rho = strength
     power = np.minimum(found.at(turns_hz) / (1.0 + rho), MOST_POWER)
     terms = power * rho - np.log1p(rho)
-    total = np.minimum(terms.sum(axis=2), ORDER_NATS).sum(axis=1)
+    mean = (rho - np.log1p(rho)).sum(axis=1)
+    most = np.maximum(ORDER_TIMES * mean, ORDER_NATS)
+    total = np.minimum(terms.sum(axis=2), most).sum(axis=1)
     log_l: Array = np.logaddexp(total + math.log(1.0 - ABSENT), math.log(ABSENT))
     return log_l
 

@@ -101,7 +101,7 @@ def test_the_wheels_of_a_drive_are_found_and_given_on_to_the_next_run() -> None:
     pipeline = Pipeline(session.header, settings)
     for frame in session.frames:
         pipeline.feed(frame)
-    learnt = pipeline.learnt()
+    learnt = pipeline.learned_parameters()
     assert learnt is not None
     assert learnt.wheels is not None
     told = pipeline.report()["wheels"]
