@@ -60,7 +60,7 @@ target=("${platforms[@]}" --platform "manylinux2014_$machine" --implementation c
     --python-version "$version" --only-binary :all:)
 rm -rf "$wheels"
 "${pip[@]}" download "${target[@]}" --find-links "$pure" --constraint "$pins" \
-    --dest "$wheels" "$pure"/imu_tracker-*.whl
+    --dest "$wheels" "$(echo "$pure"/imu_tracker-*.whl)[mqtt]"
 for wheel in "$wheels"/*.whl; do
     [[ -e $pure/$(basename "$wheel") ]] && continue
     grep -q "sha256:$(sha256sum "$wheel" | cut -d ' ' -f 1)" requirements-dev.txt ||

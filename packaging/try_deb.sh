@@ -30,12 +30,7 @@ mount -t proc proc "$root/proc"
 mount --bind /dev "$root/dev"
 cp "$deb" "$root/root/first.deb"
 
-# The next version: the same files under a higher number, and another default.
-next=$cache/next-$$
-dpkg-deb -R "$deb" "$next"
-sed -i 's/^Version: \(.*\)+deb/Version: \1+next+deb/' "$next/DEBIAN/control"
-dpkg-deb --root-owner-group -Znone -b "$next" "$root/root/next.deb" >/dev/null
-rm -rf "$next"
+"$(dirname "$0")/next_version.sh" "$deb" "$root/root/next.deb"
 
 in_there() { # without a network, as on a Pi in a field
     unshare --net chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C.UTF-8 \

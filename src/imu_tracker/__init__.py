@@ -44,4 +44,5 @@ UTC is data. The system clock is never read.
 __version__ = "0.1.0"
 
 RELEASE_DATE = "2026-11-23"
-"""A live receiver cannot send an earlier true date: see `sensors.gnss.calendar`."""
+"""What a live receiver sends of long before it has rolled over: see
+`sensors.gnss.calendar`."""

@@ -16,9 +16,11 @@ from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.prediction import Prediction
 from imu_tracker.estimation.receiver.backlog import Backlog
 from imu_tracker.estimation.receiver.spoofing import SpoofingMonitor
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.stuck_axes import StuckAxes
+from imu_tracker.notices import HoldOff
 from imu_tracker.samples import (
     DEFAULT_MOUNT,
     Frame,
@@ -76,12 +78,14 @@ class Pipeline:
             earliest_utc_s=release.timestamp() if live else None,
         )
         self._tracker = Tracker(settings)
+        self._hold_off, self._now_ns = HoldOff(), 0
         self._axes, self._backlog = StuckAxes(), Backlog()
         self._spoofing = SpoofingMonitor()
 
     def feed(self, frame: Frame) -> list[NavState]:
         """Take the next frame; return the rows that became due."""
         t_ns, source, data = frame
+        self._now_ns = max(self._now_ns, t_ns)
         if self._start_utc_s is not None:
             self._tracker.on_time(UtcTime(t_ns, self._start_utc_s))
             self._start_utc_s = None
@@ -103,6 +107,7 @@ class Pipeline:
 
         No frame of before `t_ns` may come after this.
         """
+        self._now_ns = max(self._now_ns, t_ns)
         return self._close_epoch(t_ns) + self._tracker.advance(t_ns)
 
     def _close_epoch(self, t_ns: int) -> list[NavState]:
@@ -136,15 +141,22 @@ class Pipeline:
         return total
 
     def take_notices(self) -> list[str]:
-        """Transitions since the last call, for the log."""
+        """Transitions since the last call, for the log; what repeats is held off."""
         watches = (self._epochs, self._axes, self._backlog, self._spoofing)
         said = [notice for watch in watches for notice in watch.take_notices()]
-        return said + self._tracker.take_notices()
+        return self._hold_off.pass_on(self._now_ns, said + self._tracker.take_notices())
+
+    @property
+    def unread(self) -> dict[str, int]:
+        """How many sentences could not be used, by reason."""
+        return self._epochs.unread.reasons() | self._epochs.damaged.reasons()
 
     def learned_parameters(self) -> LearnedParameters | None:
         """What a next session can begin with; None: nothing, or not yet."""
         return self._tracker.learned_parameters()
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for `replay --json` and `status`."""
-        return {**self._tracker.report(), "counters": dict(self.counters)}
+        report = self._tracker.report()
+        report["counters"] = dict(self.counters)
+        return report

@@ -114,3 +114,4 @@ class NavState(NamedTuple):
     q_nb: Quat
     r95_m: float  # radius that holds the true horizontal position with 95 %
     mode: Mode
+    is_date_sure: bool = True  # enough epochs agree on UTC

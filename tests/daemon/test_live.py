@@ -230,7 +230,11 @@ def test_the_status_tells_how_it_goes(bench: Bench) -> None:
     assert list(late["row"]) == HEADER.split(",")
     assert late["imu"]["chip"] == "MPU-6050"
     assert late["gps"]["state"] == "ok"
-    assert late["log"] == {"path": str(bench.log), "is_failing": False}
+    assert late["log"] == {
+        "path": str(bench.log),
+        "is_failing": False,
+        "trouble": None,
+    }
     assert late["counters"]["rows"] > 100
     assert late["learnt"]["estimator"] == "error-state"
     assert "counters" not in late["learnt"]
@@ -407,3 +411,23 @@ def test_a_stop_before_anything_is_open_comes_at_once() -> None:
     with pytest.raises(SystemExit) as end:
         Signals().stop()
     assert end.value.code == 0
+
+
+def test_a_log_of_the_future_is_no_healthy_status_until_it_is_put_aside(
+    bench: Bench, said: Said
+) -> None:
+    row = "2027-01-01T00:00:00.000Z,51.99000000,4.37000000,5.2,0.00,,3.90,gps"
+    bench.log.write_text(f"{HEADER}\n{row}\n")
+    bench.script(60)
+    early, late = bench.look(20), bench.look(55)
+    assert bench.run() == 0
+    assert early["state"] == "not logging"
+    assert "the log ends later than they are, at 2027-01-01" in early["log"]["trouble"]
+    assert early["faults"]["log_times"] > 0
+    assert any(line.startswith("STATUS=not logging: ") for line in bench.told)
+    assert (late["state"], late["log"]["trouble"]) == ("tracking", None)
+    times = read_log(bench.log).utc_s
+    assert len(times) == pytest.approx(4 * (60 - FIRST_FIX_S - 20), abs=8)
+    (aside,) = bench.log.parent.glob("latlong-20270101T000000Z.csv*")
+    assert len(read_log(aside).utc_s) == 1
+    assert [line for line in said(logging.WARNING) if "put aside" in line]

@@ -1,6 +1,7 @@
 """Rows to a real Mosquitto: each once and in order, whatever happens meanwhile."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -33,6 +34,7 @@ from support.brokers import (
     until,
 )
 from support.log_states import state
+from support.paths import REPOSITORY
 from support.published import (
     NOON_S,
     arguments,
@@ -392,6 +394,40 @@ def test_a_broker_that_lets_nobody_write_is_told_and_takes_nothing(
     with mosquitto(tmp_path / "broker", f"acl_file {acl}") as broker:
         said = refusals(tmp_path, url=f"mqtt://127.0.0.1:{broker.port}")
         assert "refuses a message: not authorized" in said
+
+
+def test_the_broker_of_the_fleet_page_lets_a_tracker_write_below_its_name_alone(
+    tmp_path: Path,
+) -> None:
+    text = (REPOSITORY / "docs" / "fleet.md").read_text("utf-8")
+    block = r"^`([\w./]+)`(?:(?!```).)*?:\n\n```\n(.*?)```"
+    blocks = dict(re.findall(block, text, re.MULTILINE | re.DOTALL))
+    made = certificates(tmp_path / "secrets")
+    secrets = made.ca.parent
+    guarded(secrets, made)
+    (secrets / "acl").write_text(blocks["secrets/acl"])
+    (secrets / "acl").chmod(0o600)
+    own = ("listener", "allow_anonymous", "max_queued_messages")
+    lines = [
+        each.replace("/secrets/", f"{secrets}/").replace(
+            "/mosquitto/data/", f"{tmp_path}/"
+        )
+        for each in blocks["mosquitto.conf"].splitlines()
+        if not each.startswith(own)
+    ]
+    assert len(lines) >= 7
+    log = tmp_path / "latlong.csv"
+    write_log(log, drive(3))
+    with mosquitto(tmp_path / "broker", *lines) as broker:
+        url = f"mqtts://localhost:{broker.port}"
+        keys: dict[str, object] = {"kind": "mqtt", "url": url, "ca_file": made.ca}
+        keys["credentials_file"] = credentials(tmp_path)
+        done = publish_once(*arguments(log, tmp_path, "mine", **keys))
+        assert done.returncode == 0, done.stderr
+        keys["device"] = "another"
+        done = publish_once(*arguments(log, tmp_path, "other", **keys))
+        assert done.returncode == 69
+        assert "not authorized" in done.stderr
 
 
 def test_a_broker_that_knows_only_the_older_protocol_is_spoken_to_in_it(

@@ -76,10 +76,10 @@ def judge(fault: Fault, at_s: float, bench: Bench, result: Result) -> Cell:
         return Cell(None, 0.0, [*found, "no rows"])
     expect(rows[0].at_s < at_s + 16 + FIRST_FIX_S, f"rows begin at {rows[0].at_s}")
     steps = {round(new.state.utc_s - old.state.utc_s, 3) for old, new in pairwise(rows)}
-    # A correction of UTC forward that lasts may leave one hole; nothing else may.
+    # A correction of UTC that lasts may leave one hole, or go back once.
     holes = [step for step in steps if step != 0.25]
     is_lasting = fault.moves_time and fault.lasts_s > LENGTH_S
-    may_leap = is_lasting and len(holes) == 1 and holes[0] > 5.0
+    may_leap = is_lasting and len(holes) == 1 and not -60.0 <= holes[0] <= 5.0
     expect(not holes or may_leap, f"steps of the rows: {steps}")
     latest_s = max(row.at_s - (row.state.t_ns - clock_ns(0)) / S for row in rows)
     expect(fault.is_late or latest_s <= LATEST_ROW_S, f"a row is {latest_s} s late")
@@ -117,7 +117,9 @@ def judge(fault: Fault, at_s: float, bench: Bench, result: Result) -> Cell:
 
 def _missing(fault: Fault, at_s: float, result: Result) -> list[str]:
     """Look for the rows in the file; nothing of after `lost_s` may be missing."""
-    kept = {round(utc_s * 1000) for utc_s in read_log(result.log).utc_s}
+    aside = result.log.parent.glob(f"{result.log.stem}-*.csv*")
+    logs = [read_log(path) for path in (result.log, *aside)]
+    kept = {round(utc_s * 1000) for log in logs for utc_s in log.utc_s}
     spared_ns = clock_ns(at_s + fault.lost_s) if fault.lost_s else clock_ns(0)
     told = {
         round(row.state.utc_s * 1000)

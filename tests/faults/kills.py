@@ -31,7 +31,7 @@ from imu_tracker.daemon import state as kept_state
 from imu_tracker.samples import NavState
 from imu_tracker.storage.atomic import replace_file
 from imu_tracker.storage.latlong import LatLongLog, read_log
-from imu_tracker.storage.state_file import State
+from imu_tracker.storage.state_model import State
 
 LIFE_S: Final = 40.0
 APART_S: Final = 150  # a life begins so long after the one before

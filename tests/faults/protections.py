@@ -16,9 +16,9 @@ from imu_tracker.estimation.tracker import Tracker
 from imu_tracker.motion.preintegration import Preintegrator
 from imu_tracker.motion.stuck_axes import StuckAxes
 from imu_tracker.sensors.clock import MonotonicClock
-from imu_tracker.sensors.gnss import sentences
+from imu_tracker.sensors.gnss import fields, sentences
 from imu_tracker.sensors.gnss.baud import BaudSearch
-from imu_tracker.sensors.gnss.calendar import Calendar
+from imu_tracker.sensors.gnss.calendar import rollovers_before
 from imu_tracker.sensors.gnss.epoch_reader import EpochReader
 from imu_tracker.sensors.gnss.lines import LineSplitter, checked_text
 from imu_tracker.sensors.gnss.reader import GpsReader
@@ -242,7 +242,7 @@ PROTECTIONS: Final = (
     Protection(
         trap="0 N 0 E reaches the log",
         protection="such a place is none",
-        where=sentences._position,
+        where=fields.position,
         line="lat_deg == lon_deg == 0",
         without="False",
         test="[GPS at 0 N 0 E for 10 s-start]",
@@ -250,8 +250,8 @@ PROTECTIONS: Final = (
     Protection(
         trap="dates 1024 weeks back",
         protection="weeks are added until they are not",
-        where=Calendar._missing_rollovers,
-        line="max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))",
+        where=rollovers_before,
+        line="max(0, ceil((earliest_utc_s - LATE_DATE_S - sent_utc_s) / ROLLOVER_S))",
         without="0",
         test="[date 1024 weeks back-start]",
     ),

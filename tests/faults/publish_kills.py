@@ -143,14 +143,12 @@ def campaign(directory: Path, kills: int, seed: int) -> dict[str, Any]:
     figures: Counter[str] = Counter()
     repeated_ns = 0
     taken_ns: dict[bytes, int] = {}  # when each row was last acknowledged
-    seen_files: set[str] = set()
-    life = 0
+    seen: set[str] = set()
+    life = end = begin_ns = 0
     while True:
         is_last = figures["killed"] >= kills
         grow(writer, life * ROWS_A_LIFE)
-        expected += _chosen(thinner, log, seen_files)
-        before = told.read_bytes().splitlines()
-        begin_ns = int(before[-1].split()[0]) + ROW_NS if before else 0
+        expected += _chosen(thinner, log, seen)
         die_at = 0 if is_last else rng.randrange(1, MOST_CALLS)
         pid = os.fork()
         if not pid:
@@ -160,11 +158,15 @@ def campaign(directory: Path, kills: int, seed: int) -> dict[str, Any]:
         figures["killed" if is_killed else "ended"] += 1
         figures["bad_ends"] += not is_killed and status != 0
         disk.cut_the_power(rng)
-        after = told.read_bytes().splitlines()[len(before) :]
-        for now_ns, payload in (line.split(b" ", 1) for line in after):
+        with told.open("rb") as file:
+            file.seek(end)
+            after = file.read()
+        end += len(after)
+        for now_ns, payload in (line.split(b" ", 1) for line in after.splitlines()):
             if payload in taken_ns:
                 repeated_ns = max(repeated_ns, begin_ns - taken_ns[payload])
             taken_ns[payload] = int(now_ns)
+        begin_ns = max(taken_ns.values(), default=0) + ROW_NS
         if not is_killed and status == 0:
             # All of it is sent: what was put aside may go, as when the disk is full.
             figures["files_deleted"] += len(rotated(log))
@@ -188,14 +190,16 @@ def campaign(directory: Path, kills: int, seed: int) -> dict[str, Any]:
 
 def _chosen(thinner: Thinner, log: Path, seen: set[str]) -> list[bytes]:
     """Return what should be sent of the rows that are new, in the order of the log."""
-    rows = [row for path in [*rotated(log), log] for row in read_rows(path)]
     found = []
-    for row in rows:
+    # What was put aside does not change any more.
+    new = [path for path in rotated(log) if path.name.removesuffix(".gz") not in seen]
+    for row in (row for path in [*new, log] for row in read_rows(path)):
         key = f"{row.utc_s:.3f}"
         if key not in seen:
             seen.add(key)
             placed = Placed(row, TailPosition())
             found += [json_row("car", due.row) for due in thinner.feed(placed)]
+    seen.update(path.name.removesuffix(".gz") for path in new)
     return found
 
 

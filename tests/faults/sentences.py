@@ -99,6 +99,45 @@ def timed(seconds: int) -> Change:
     return change
 
 
+def status_d(fields: list[bytes], _: float) -> list[bytes]:
+    """Say D for A in RMC, as Unicore receivers do once corrections arrive."""
+    if fields[0].endswith(b"RMC") and fields[2] == b"A":
+        fields = [*fields[:2], b"D", *fields[3:]]
+    return fields
+
+
+def signed_longitude(fields: list[bytes], _: float) -> list[bytes]:
+    """Write the longitude with a sign, as some relays do."""
+    at = _LAT[fields[0][2:]] + 2
+    return [*fields[:at], b"-" + fields[at], *fields[at + 1 :]]
+
+
+def frozen() -> Change:
+    """Repeat the first place, and let time and speed run on."""
+    first: dict[bytes, list[bytes]] = {}
+
+    def change(fields: list[bytes], _: float) -> list[bytes]:
+        at = _LAT[fields[0][2:]]
+        place = first.setdefault(fields[0], fields[at : at + 4])
+        return _placed(fields, *place)
+
+    return change
+
+
+def with_local_gll(lines: Iterable[Said]) -> list[Said]:
+    """Add a GLL behind each GGA, two hours ahead: a zone for UTC."""
+    found = []
+    for said in lines:
+        found.append(said)
+        fields = _fields(said.line)
+        if fields[0].endswith(b"GGA"):
+            (ahead,) = changed([said], 0.0, 1e6, timed(7200))
+            tod = _fields(ahead.line)[_TIME]
+            gll = [b"GNGLL", *fields[2:6], tod, b"A", b"A"]
+            found.append(Said(said.t_ns + 1, _written(gll)))
+    return found
+
+
 def epochs(lines: Iterable[Said]) -> list[list[Said]]:
     """Return the lines by the epoch that they describe."""
     found: list[list[Said]] = []

@@ -16,6 +16,7 @@ from faults.bench import Bench
 from faults.drives import S, Said, clock_ns
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sources.live import MAX_WAITING
+from imu_tracker.storage.latlong import HEADER
 from support.small_disk import SmallDisk
 
 # ------------------------------------------------------------------- the bus, the chip
@@ -111,6 +112,19 @@ def axis(
         bench.chip.world.follow(broken)
 
     return strike
+
+
+def clips_in_bursts(bench: Bench, at_s: float) -> None:
+    """Vibrate to the end of the range for 0.8 s of each 1.2 s, 20 s long."""
+    start_s = clock_ns(at_s) / S
+
+    def shaken(t_s: float) -> Feeling:
+        felt = bench.drive.feel(t_s)
+        if not start_s <= t_s < start_s + 20.0 or (t_s - start_s) % 1.2 > 0.8:
+            return felt
+        return felt._replace(accel_g=(9.0, *felt.accel_g[1:]))
+
+    bench.chip.world.follow(shaken)
 
 
 # ----------------------------------------------------------------------- the receiver
@@ -216,6 +230,13 @@ def read_only(bench: Bench, at_s: float) -> None:
     bench.monkeypatch.setattr(os, "write", written)
     bench.at(at_s, lambda: is_read_only.__setitem__(0, True))
     bench.at(at_s + 10, lambda: is_read_only.__setitem__(0, False))
+
+
+def future_log(bench: Bench, _: float) -> None:
+    """Find a log that a receiver of wrong date has written."""
+    row = "2030-01-01T00:00:00.000Z,51.99000000,4.37000000,5.2,0.00,,3.90,gps"
+    bench.log.parent.mkdir()
+    bench.log.write_text(f"{HEADER}\n{row}\n", encoding="ascii")
 
 
 def deleted_log(bench: Bench, at_s: float) -> None:

@@ -43,7 +43,8 @@ from imu_tracker.serve.gpsd_session import GpsdSession
 from imu_tracker.serve.http_request import Refused, parse
 from imu_tracker.storage.calibration_file import read_calibration
 from imu_tracker.storage.latlong import HEADER, format_row, read_log
-from imu_tracker.storage.state_file import Sensor, read_state
+from imu_tracker.storage.state_file import read_state
+from imu_tracker.storage.state_model import Sensor
 from support.nmea_text import gga, gll, rmc, sentence
 from support.paths import REPOSITORY
 

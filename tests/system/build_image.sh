@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Build the machine that the tests of this directory boot: a Debian kernel, a small
-# initial RAM disk, a root file system like that of Raspberry Pi OS Lite, and the wheels
+# initial RAM disk, a root file system like that of Raspberry Pi OS Lite, and the package
 # of this checkout. Debian packages and PyPI wheels only: no kernel is compiled, nothing
 # is mounted. What is there already is kept; remove the directory to begin anew.
 #
-#   tests/system/build_image.sh     # into ~/.cache/imu-tracker-system
+#   tests/system/build_image.sh     # into ~/.cache/imu-tracker-system-12, or -13 for the
+#                                   # Debian that IMU_TRACKER_SYSTEM_DEBIAN names
 #
 # Must be root: mmdebstrap, chroot and the owners of the files in the image ask for it.
 set -euo pipefail
@@ -18,7 +19,7 @@ IMAGE_MB=2000
 declare -A PACKAGE_OF=(
     [qemu-system-x86_64]=qemu-system-x86 [qemu-img]=qemu-utils
     [mmdebstrap]=mmdebstrap [mke2fs]=e2fsprogs
-    [pip3]=python3-pip [busybox]=busybox-static [cpio]=cpio [modprobe]=kmod
+    [dh]=debhelper [dpkg-buildpackage]=dpkg-dev [busybox]=busybox-static [cpio]=cpio [modprobe]=kmod
 )
 PATH=$PATH:/usr/sbin:/sbin
 missing=()
@@ -35,17 +36,17 @@ if ((EUID != 0)); then
     exit 1
 fi
 
-# The wheels are built by this machine's Python and used by the guest's: the same one.
-python=$(/usr/bin/python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])')
-case $python in
-    3.11) suite=bookworm ;;
-    3.13) suite=trixie ;;
+debian=${IMU_TRACKER_SYSTEM_DEBIAN:-$(cut -d . -f 1 /etc/debian_version)}
+case $debian in
+    12) suite=bookworm ;;
+    13) suite=trixie ;;
     *)
-        echo "the system tests know Debian 12 and 13, whose Python is 3.11 or 3.13;" \
-            "/usr/bin/python3 is $python" >&2
+        echo "the system tests know Debian 12 and 13: IMU_TRACKER_SYSTEM_DEBIAN=13" >&2
         exit 1
         ;;
 esac
+# One folder for each: the kernel is this machine's own, the rest is that Debian's.
+BUILD=$BUILD-$debian
 
 stage() { printf '[%4d s] %s\n' "$SECONDS" "$*"; }
 key_of() { cat "$@" | sha256sum | cut -d ' ' -f 1; }
@@ -75,22 +76,17 @@ if [[ ! -e kernel.key ]]; then
 fi
 version=$(<kernel.key)
 
-# ------------------------------------------------------------------------- wheels
-# What pip would fetch on a Pi, so that the guest can install without a network.
-pip=(/usr/bin/python3 -m pip --disable-pip-version-check --quiet)
-key=$(key_of "$CHECKOUT/pyproject.toml")$python
-if ! is_made wheels "$key"; then
-    stage "the wheels of what imu-tracker needs"
-    rm -rf wheels
-    "${pip[@]}" wheel --wheel-dir wheels "$CHECKOUT" 2>&1 | { grep -v "^WARNING: " || true; }
-    made wheels "$key"
-fi
-stage "the wheel of this checkout"
-rm -f wheels/imu_tracker-*.whl
-"${pip[@]}" wheel --no-deps --wheel-dir wheels "$CHECKOUT"
+# ------------------------------------------------------------------------ package
+# What a Pi gets, for this processor; and the version after it, for an upgrade.
+stage "the package of this checkout"
+file=$("$CHECKOUT/packaging/build_deb.sh" "$debian" amd64 | tail -n 1)
+rm -rf packages
+mkdir packages
+cp "$CHECKOUT/$file" packages/imu-tracker.deb
+"$CHECKOUT/packaging/next_version.sh" packages/imu-tracker.deb packages/next.deb
 
 # ------------------------------------------------------------- base of the root
-packages=systemd,systemd-sysv,udev,kmod,dbus,sudo,procps,python3,python3-venv
+packages=systemd,systemd-sysv,udev,kmod,dbus,sudo,procps,python3
 key=$suite,$packages
 if ! is_made base.tar "$key"; then
     stage "the root file system of Debian $suite"
@@ -107,7 +103,7 @@ if ! is_made base.tar "$key"; then
 fi
 
 # ------------------------------------------------------------------------ image
-key=$(key_of "$HERE/build_image.sh" "$HERE/guest/agent.py" wheels.key base.tar.key kernel.key)
+key=$(key_of "$HERE/build_image.sh" "$HERE/guest/agent.py" base.tar.key kernel.key)
 if is_made rootfs.ext4 "$key"; then
     stage "the image is there already: $BUILD"
     exit 0
@@ -180,15 +176,7 @@ WantedBy=multi-user.target
 UNIT
 chroot root systemctl --quiet enable imu-tracker-test-agent.service
 
-# What imu-tracker needs is installed here, where it takes a tenth of the time; the
-# tests install imu-tracker itself, in there.
-stage "the libraries, as root of the image"
-cp -r wheels root/tmp/wheels
-rm -f root/tmp/wheels/imu_tracker-*.whl
-chroot root python3 -m venv /opt/imu-tracker
-chroot root env -i PATH=/usr/bin:/bin HOME=/root PIP_ROOT_USER_ACTION=ignore \
-    sh -c '/opt/imu-tracker/bin/pip install --quiet --no-index /tmp/wheels/*.whl'
-rm -rf root/tmp/wheels root/var/lib/apt/lists/*
+rm -rf root/var/lib/apt/lists/*
 
 stage "the image"
 rm -f rootfs.ext4 rootfs.ext4.key

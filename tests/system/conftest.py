@@ -1,4 +1,4 @@
-"""The machine that these tests share, with imu-tracker installed as the README says."""
+"""The machine that these tests share, with imu-tracker installed as a user does."""
 
 import re
 import shutil
@@ -15,6 +15,10 @@ from system.tracker import Tracker
 
 CONFIGURATION = "/etc/imu-tracker/imu-tracker.toml"
 DROP_INS = "/etc/systemd/system/imu-tracker.service.d"
+LIBRARIES = "/usr/lib/imu-tracker"
+PACKAGE = "/mnt/host/packages/imu-tracker.deb"
+CHECK = "sudo -u imu-tracker imu-tracker check"
+INSTALL_S = 3600.0  # the libraries are compiled, emulated
 GUEST_BUS = "/mnt/host/tests/system/guest/bus.py"
 
 # 20 samples a second keep the emulated chip and its emulated bus at some 45 transfers a
@@ -61,18 +65,21 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         )
 
 
-def readme_install() -> list[str]:
-    """Return the commands that the README tells to install it with."""
-    text = (REPOSITORY / "README.md").read_text("utf-8")
-    block = re.search(r"^```\n(sudo python3 -m venv .*?)^```", text, re.M | re.S)
-    offline = re.search(r"`(sudo \S+/pip install --no-index [^`]*)`", text)
-    assert block, "the README does not tell how to install it"
-    assert offline, "the README does not tell how to install it without a network"
-    lines = [line.partition("  #")[0].rstrip() for line in block[1].splitlines()]
+def documented_install() -> list[str]:
+    """Return the three commands of docs/install.md, as they are typed here.
+
+    This is no Pi: there is nothing to set up and to restart, so `check` stands in the
+    place of the second.
+    """
+    text = (REPOSITORY / "docs/install.md").read_text("utf-8")
+    block = re.search(r"^```\n(sudo apt install .*?)^```", text, re.M | re.S)
+    assert block, "docs/install.md does not tell how to install it"
+    install, setup, enable = block[1].splitlines()
+    assert setup == "sudo imu-tracker setup && sudo reboot"
     return [
-        " ".join(offline[1].split()) if "/pip install ." in line else line
-        for line in lines
-        if not line.startswith("tail -F")
+        re.sub(r"\./\S+\.deb", PACKAGE, install) + " --yes",
+        CHECK,
+        enable,
     ]
 
 
@@ -93,7 +100,7 @@ def machine(receiver: Receiver) -> Iterator[Machine]:
         host = directory / "host"
         for part in ("config", "systemd", "tests/fake_i2c", "tests/system/guest"):
             shutil.copytree(REPOSITORY / part, host / part)
-        shutil.copytree(BUILD / "wheels", host / "wheels")
+        shutil.copytree(BUILD / "packages", host / "packages")
         machine = Machine(directory, host, receiver)
         try:
             machine.boot()
@@ -108,8 +115,8 @@ def plug_in_the_chip(machine: Machine) -> None:
     machine.runs("modprobe -a i2c-dev i2c-i801 vhci-hcd i2c-tiny-usb")
     machine.runs(
         "systemd-run --quiet --unit imu-tracker-test-bus"
-        " --setenv PYTHONPATH=/mnt/host/tests --setenv PYTHONDONTWRITEBYTECODE=1"
-        f" /opt/imu-tracker/bin/python {GUEST_BUS}"
+        f" --setenv PYTHONPATH=/mnt/host/tests:{LIBRARIES}"
+        f" --setenv PYTHONDONTWRITEBYTECODE=1 /usr/bin/python3 {GUEST_BUS}"
     )
     machine.runs("for n in $(seq 600); do [ -e /dev/i2c-1 ] && exit; sleep 0.1; done")
     machine.runs("udevadm settle; test -c /dev/i2c-1")
@@ -117,7 +124,7 @@ def plug_in_the_chip(machine: Machine) -> None:
 
 @pytest.fixture(scope="session")
 def installation(machine: Machine) -> dict[str, str]:
-    """Install it as the README says; return what each command printed."""
+    """Install it as the documentation says; return what each command printed."""
     printed = {}
     # Of all that the unit says this alone is stretched: numpy and scipy take a tenth of
     # the time on a Pi.
@@ -125,19 +132,19 @@ def installation(machine: Machine) -> dict[str, str]:
         f"mkdir -p {DROP_INS} && printf '[Service]\\nTimeoutStartSec=900\\n'"
         f" > {DROP_INS}/emulated.conf"
     )
-    for command in readme_install():
-        if " check " in command:
+    for command in documented_install():
+        if command == CHECK:
             plug_in_the_chip(machine)
-        quoted = command.replace("'", "'\\''")
-        printed[command] = machine.runs(
-            f"sudo -u pi -H USER=pi sh -c 'cd /mnt/host && {quoted}'"
-        )
-        if command.endswith(f"config/imu-tracker.toml {CONFIGURATION}"):
             for key, value in SETTINGS.items():
                 machine.runs(
                     f"sed -i '/^.imu.$/,/^.gps.$/ s/^{key} = .*/{key} = {value}/' "
                     f"{CONFIGURATION}"
                 )
+        printed[command] = machine.runs(
+            f"sudo -u pi -H USER=pi sh -c '{command}'", INSTALL_S
+        )
+        if command.startswith("sudo apt install"):
+            machine.runs("gpasswd --add pi imu-tracker")
     return printed
 
 

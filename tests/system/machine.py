@@ -11,11 +11,16 @@ from typing import Any, NamedTuple
 
 from system.receiver import Receiver
 
-BUILD = Path(
-    os.environ.get("IMU_TRACKER_SYSTEM_BUILD")
-    or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+DEBIAN = os.environ.get("IMU_TRACKER_SYSTEM_DEBIAN") or (
+    Path("/etc/debian_version").read_text("ascii").partition(".")[0]
+    if Path("/etc/debian_version").exists()
+    else "12"
+)
+_BUILDS = os.environ.get("IMU_TRACKER_SYSTEM_BUILD") or (
+    Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     / "imu-tracker-system"
 )
+BUILD = Path(f"{_BUILDS}-{DEBIAN}")
 """Where `build_image.sh` puts the kernel and the image."""
 
 ACCELERATOR = os.environ.get("IMU_TRACKER_SYSTEM_ACCEL", "tcg,thread=multi")

@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 
-from system.conftest import Measure, plug_in_the_chip
+from system.conftest import LIBRARIES, Measure, plug_in_the_chip
 from system.tracker import GRID_S, SYNC_S, Tracker, assert_times_grow, rows_of
 
 pytestmark = pytest.mark.system
@@ -31,7 +31,7 @@ def test_a_power_cut_costs_a_few_seconds_and_nothing_else(
     for _ in range(CUTS):
         machine.runs(
             "systemd-run --quiet --unit imu-tracker-test-saver"
-            f" /opt/imu-tracker/bin/python {SAVER}"
+            f" --setenv PYTHONPATH={LIBRARIES} /usr/bin/python3 {SAVER}"
         )
         tracker.wait_for_rows(28)  # more than one sync ago
         time.sleep(random.uniform(0, SYNC_S))

@@ -14,10 +14,21 @@ STILL_SPREAD_G: Final = 0.1  # peak to peak of a chip that lies: 400 ug/sqrt(Hz)
 STILL_DPS: Final = 30.0  # PS-MPU-6000A section 6.1: zero-rate 20, and some
 
 
-def why_broken(samples: list[ImuSample]) -> str:
-    """Name what no motion explains; empty when motion may."""
+def why_broken(samples: list[ImuSample], stuck: tuple[str, ...] = ()) -> str:
+    """Name what no motion explains; empty when motion may.
+
+    `stuck` are the axes that stood while the others did not (`motion/stuck_axes`).
+    """
+    if stuck:
+        return f"{', '.join(stuck)} stands, the chip is broken"
     if not any(any((*s.accel_mps2, *s.gyro_radps)) for s in samples):
         return "all axes give exactly zero, the chip is broken"
+    for sensor, axes in (
+        ("accelerometer", [s.accel_mps2 for s in samples]),
+        ("gyroscope", [s.gyro_radps for s in samples]),
+    ):
+        if len(set(axes)) == 1:  # noise alone moves a sound one by some counts
+            return f"the {sensor} never changes its values, the chip is broken"
     gravity_g, rate_dps, _ = means(samples)
     for axis, name in enumerate("xyz"):
         values = {sample.accel_mps2[axis] for sample in samples}

@@ -5,7 +5,6 @@ things, with the code that the daemon uses.
 """
 
 import contextlib
-import itertools
 import os
 import queue
 import shutil
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from imu_tracker.calibration.counts import CountsModel
-from imu_tracker.check import network_ports
+from imu_tracker.check import network_ports, serial_ports
 from imu_tracker.check.chip import GRAVITY_G, STILL_DPS, means, why_broken
 from imu_tracker.config import Config
 from imu_tracker.errors import (
@@ -25,21 +24,25 @@ from imu_tracker.errors import (
     OutputError,
     TrackerError,
 )
-from imu_tracker.recording.files import layout_of, read_recording
+from imu_tracker.motion.stuck_axes import StuckAxes
+from imu_tracker.recording.files import read_recording
+from imu_tracker.recording.layout import layout_of
 from imu_tracker.samples import Frame, Source
 from imu_tracker.sensors import pi_advice as mending
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
-from imu_tracker.sensors.gnss.epoch_reader import EpochReader
+from imu_tracker.sensors.gnss.calendar import release_utc_s
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader, Positions
 from imu_tracker.sensors.gnss.lines import checked_text
 from imu_tracker.sensors.gnss.reader import GpsHealth, GpsState
 from imu_tracker.sensors.imu.i2c import explain
 from imu_tracker.sources import factory as hardware
 from imu_tracker.storage.append_file import FOREIGN, Layout, is_foreign
-from imu_tracker.storage.latlong import LAYOUT
+from imu_tracker.storage.latlong import BACK_S, LAYOUT, format_utc
+from imu_tracker.storage.log_tail import newest_utc_s
 
-SAMPLES: Final = 50
+SAMPLES: Final = 100  # a second: enough to see that an axis stands
 
-LISTEN_NS: Final = 20 * SECOND_NS  # seven baud rates, 2.2 s each
+LISTEN_NS: Final = 24 * SECOND_NS  # nine baud rates, 2.2 s each, and the bursts
 SENTENCES_NS: Final = 3 * SECOND_NS  # from the first one on: all kinds, and a fix
 
 
@@ -87,10 +90,12 @@ def check_imu(config: Config, clock: Clock) -> Finding:
             imu = hardware.imu_driver(config, bus, clock)
             imu.configure(hardware.imu_settings(config))
             counts = CountsModel(config.imu.accel_range_g, config.imu.gyro_range_dps)
-            samples = []
+            samples, axes = [], StuckAxes()
             for _ in range(SAMPLES):
                 clock.sleep_until_ns(clock.now_ns() + 10 * MILLISECOND_NS)
-                samples.append(counts.decode(clock.now_ns(), imu.read_burst()))
+                t_ns, burst = clock.now_ns(), imu.read_burst()
+                axes.look(t_ns, burst)
+                samples.append(counts.decode(t_ns, burst))
     except BusError as error:
         return _failed("IMU", explain(error), error)
     except TrackerError as error:
@@ -100,14 +105,14 @@ def check_imu(config: Config, clock: Clock) -> Finding:
         f"{imu.chip.name} at 0x{config.imu.address:02X} on /dev/i2c-{config.imu.bus}: "
         f"{gravity_g:.2f} g, {rate_dps:.1f} °/s, {temp_degc:.0f} °C"
     )
+    if broken := why_broken(samples, axes.stuck):
+        return _unavailable("IMU", f"{text}; {broken}: {_SELFTEST}")
     if GRAVITY_G[0] <= gravity_g <= GRAVITY_G[1] and rate_dps <= STILL_DPS:
         return _ok("IMU", text)
-    if broken := why_broken(samples):
-        return _unavailable("IMU", f"{text}; {broken}: run imu-tracker selftest")
     return _warning(
         "IMU",
         f"{text}; at rest it feels 1 g and no rate: hold it still; if it was still, "
-        "run imu-tracker selftest",
+        "run imu-tracker selftest, and calibrate accel",
     )
 
 
@@ -121,18 +126,22 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
             f"{mending.switch_console_off()}",
         )
         return
-    epochs = EpochReader(date=config.gps.date)
-    health, kinds = _listen(config, clock, epochs)
+    epochs = EpochReader(date=config.gps.date, earliest_utc_s=release_utc_s())
+    health, kinds, utc_s = _listen(config, clock, epochs)
     if health.state is GpsState.CLOSED:
-        yield _unavailable("GPS port", _why_closed(port, health.detail))
+        ports = network_ports if "://" in port else serial_ports
+        why = ports.why_closed(port, health.detail)
+        yield _unavailable("GPS port", f"{port}: {why}" if "://" in port else why)
         return
     if health.state is not GpsState.OK:
         advice = network_ports.why_useless(port, health.state)
-        advice = advice or _GPS_ADVICE[health.state]
+        advice = advice or serial_ports.WHY_USELESS[health.state]
         yield _unavailable("GPS port", f"{port}: {advice}")
         return
     speed = "" if "://" in port else f" at {health.baud} baud"
     yield _ok("GPS port", f"{port}{speed}: {' '.join(sorted(kinds))}")
+    if worst := epochs.damaged.worst():
+        yield _warning("GPS port", f"{port}: {worst}")
     if not kinds & {"RMC", "GGA", "GNS", "GLL"}:
         yield _unavailable("GPS", "no sentence has a position: it must send RMC or GGA")
     elif epochs.counters["fixes_without_date"]:
@@ -140,35 +149,46 @@ def check_gps(config: Config, clock: Clock) -> Iterator[Finding]:
             "GPS",
             "a fix without a date, and so no log: make it send RMC, or set gps.date",
         )
-    elif not epochs.counters["fixes"] and epochs.unread:
-        text = max(epochs.unread, key=lambda kind: epochs.counters[kind])
-        yield _warning("GPS", f"the receiver sends {epochs.unread[text]}")
+    elif not epochs.counters["fixes"] and (worst := epochs.unread.worst()):
+        yield _warning(
+            "GPS",
+            f"a fix, but it cannot be used: {worst}: set the receiver, or what "
+            "relays it, to plain NMEA 0183",
+        )
     elif not epochs.counters["fixes"]:
         yield _warning("GPS", "no fix yet: the antenna wants to see the sky")
     else:
-        yield _ok("GPS", "a fix")
+        now = "" if utc_s is None else f", at {format_utc(utc_s)}"
+        yield _ok("GPS", f"a fix{now}")
+        if utc_s is not None:
+            yield from _check_future(config.log.path, utc_s)
+        if worst := epochs.unread.worst():
+            yield _warning("GPS", f"sentences that cannot be used: {worst}")
 
 
-_GPS_ADVICE: Final = {
-    GpsState.SILENT: (
-        "not a byte: is the receiver powered, its TX on our RX, and the serial port on "
-        "(sudo raspi-config nonint do_serial_hw 0)?"
-    ),
-    GpsState.SEARCHING: (
-        "bytes, but no sentence at any speed: not NMEA, or a bad connection"
-    ),
-    GpsState.GARBAGE: (
-        "bytes, but no sentence: not NMEA, a wrong gps.baud, or a bad connection"
-    ),
-}
+_SELFTEST: Final = "run imu-tracker selftest; another chip if that fails too"
+
+
+def _check_future(path: Path, utc_s: float) -> Iterator[Finding]:
+    """See whether the log ends later than it is by the receiver."""
+    last_utc_s = newest_utc_s(path)
+    if last_utc_s > utc_s + BACK_S:
+        yield _warning(
+            "log",
+            f"{path}: ends at {format_utc(last_utc_s)}, later than the receiver's "
+            f"time, {format_utc(utc_s)}: run puts it aside and begins a new one within "
+            "half a minute of fixes; if the receiver's time is wrong, wait with run "
+            "until it has its almanac",
+        )
 
 
 def _listen(
     config: Config, clock: Clock, epochs: EpochReader
-) -> tuple[GpsHealth, set[str]]:
-    """Return how the port is, and the kinds of sentences that came."""
+) -> tuple[GpsHealth, set[str], float | None]:
+    """Return how the port is, the kinds of sentences that came, UTC of the last fix."""
     frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
     kinds: set[str] = set()
+    utc_s: float | None = None
     reader = hardware.gps_reader(config, frames.put, clock)
     end_ns = clock.now_ns() + LISTEN_NS
     reader.start()
@@ -176,17 +196,21 @@ def _listen(
         while True:
             clock.sleep_until_ns(clock.now_ns() + 100 * MILLISECOND_NS)
             health = reader.health()
+            positions: Positions = []
             while not frames.empty():
                 frame = frames.get()
-                if frame.source is Source.GPS and (kind := _kind(frame.data)):
-                    epochs.feed(frame.t_ns, frame.data)
-                    if not kinds:
-                        end_ns = clock.now_ns() + SENTENCES_NS
-                    kinds.add(kind)
-            epochs.advance(clock.now_ns())
+                kind = _kind(frame.data) if frame.source is Source.GPS else ""
+                if kind and not kinds:
+                    end_ns = clock.now_ns() + SENTENCES_NS
+                kinds |= {kind} - {""}
+                if kinds and frame.source is Source.GPS:
+                    positions += epochs.feed(frame.t_ns, frame.data)
+            positions += epochs.advance(clock.now_ns())
+            for position in positions:
+                utc_s = position.utc_s
             is_hopeless = health.state is GpsState.CLOSED and health.detail
             if is_hopeless or clock.now_ns() >= end_ns:
-                return health, kinds
+                return health, kinds, utc_s
     finally:
         reader.stop()
         reader.join()
@@ -198,23 +222,6 @@ def _kind(line: bytes) -> str:
         return checked_text(line)[2:5]
     except NmeaError:
         return ""
-
-
-def _why_closed(port: str, detail: str) -> str:
-    if "://" in port:
-        return f"{port}: {network_ports.why_closed(port, detail)}"
-    path = Path(port)
-    if not path.exists():
-        patterns = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "serial0", "ttyAMA0")
-        found = itertools.chain.from_iterable(map(Path("/dev").glob, patterns))
-        others = ", ".join(map(str, found)) or "no serial port"
-        advice = "set gps.port"
-        if path.name in mending.UARTS:
-            advice = f"{mending.switch_uart_on()}; or {advice}"
-        return f"{port} does not exist (there is {others}): {advice}"
-    if not os.access(path, os.R_OK | os.W_OK):
-        return f"no permission for {port}: {mending.join_group(path, 'dialout')}"
-    return f"{port}: {detail}: does another program, gpsd perhaps, have it?"
 
 
 def check_recording(config: Config) -> Finding:

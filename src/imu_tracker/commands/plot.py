@@ -171,14 +171,13 @@ def _orders(path: Path) -> "OrderColumns":
         raise RecordingError(f"{path}: the wheels need samples and fixes")
     t_ns, *values = np.array(imu).T
     row_ns, speed_mps, has_gps = np.array(rows).T
-    wheels = pipeline.report()["wheels"]
-    known = wheels if isinstance(wheels, dict) else {}
+    wheels = pipeline.report().get("wheels")
     return OrderColumns(
         *(_label(path), (t_ns - t_ns[0]) * 1e-9, np.column_stack(values)),
         *((row_ns - t_ns[0]) * 1e-9, speed_mps, has_gps > 0.0),
-        state=known.get("state", "not heard"),
-        circumference_m=known.get("circumference_m"),
-        circumference_sigma_m=known.get("circumference_sigma_m"),
+        state="not heard" if wheels is None else wheels["state"],
+        circumference_m=wheels and wheels["circumference_m"],
+        circumference_sigma_m=wheels and wheels["circumference_sigma_m"],
     )
 
 

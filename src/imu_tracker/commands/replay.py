@@ -3,7 +3,6 @@
 import argparse
 import collections
 import contextlib
-import itertools
 import json
 import logging
 import math
@@ -195,16 +194,26 @@ def _scene(
 
 
 def _write_log(output: Path, rows: "Iterator[NavState]", *, is_live: bool) -> None:
-    from imu_tracker.storage.latlong import HEADER, format_row
+    from imu_tracker.storage.latlong import HEADER, format_row, put_aside
 
     # Before the file is opened: a recording that cannot be read leaves no empty log.
-    first = next(rows, None)
-    with Output(output) as file:
-        file.write(f"{HEADER}\n")
-        for row in itertools.chain([first] if first is not None else [], rows):
-            file.write(f"{format_row(row)}\n")
-            if is_live:
-                file.flush()
+    row = next(rows, None)
+    is_first = True
+    while row is not None or is_first:
+        if not is_first and output != STDOUT:
+            log.warning(
+                "%s: the dates until here were wrong: put aside as %s, and begun anew",
+                *(output, put_aside(output)),
+            )
+        is_first, last_utc_s = False, -math.inf
+        with Output(output) as file:
+            file.write(f"{HEADER}\n")
+            while row is not None and row.utc_s > last_utc_s:
+                last_utc_s = row.utc_s
+                file.write(f"{format_row(row)}\n")
+                if is_live:
+                    file.flush()
+                row = next(rows, None)
 
 
 def _without_infinity(value: Any) -> Any:

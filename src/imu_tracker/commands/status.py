@@ -32,7 +32,7 @@ _CLEAR: Final = "\x1b[H\x1b[2J"
 
 _DESCRIPTION = """\
 Show what the running daemon is doing: the last row, the sensors, the counters. Exit
-code 69 when no daemon runs, or when it stopped writing."""
+code 69 when no daemon runs, when it hangs, or while its rows are not written."""
 
 _EXAMPLES = """\
   imu-tracker status
@@ -59,12 +59,13 @@ def run_status(args: argparse.Namespace) -> int:
     config = config_of(args)
     guide = _guide_of(config)
     if not args.watch:
-        write(_page(config, guide, is_json=args.json))
-        return 0
+        page, is_healthy = _page(config, guide, is_json=args.json)
+        write(page)
+        return 0 if is_healthy else NotRunningError.exit_code
     clear = _CLEAR if sys.stdout.isatty() and not args.json else ""
     try:
         while True:
-            write(clear + _page(config, guide, is_json=args.json))
+            write(clear + _page(config, guide, is_json=args.json)[0])
             sys.stdout.flush()
             time.sleep(1)
     except KeyboardInterrupt:
@@ -96,16 +97,21 @@ def _guidance(guide: "Guide", row: dict[str, Any]) -> dict[str, Any]:
     return guide.at(row_then).summary()
 
 
-def _page(config: "Config", guide: "Guide | None", *, is_json: bool) -> str:
+def _page(
+    config: "Config", guide: "Guide | None", *, is_json: bool
+) -> tuple[str, bool]:
+    """Return what is shown, and whether rows reach the log."""
     text, status = read_status(config.status.path)
+    is_healthy = status.get("state") != "not logging"
     publish = _published(config)
     if guide is not None and isinstance(row := status.get("row"), dict):
         status["guide"] = _guidance(guide, row)
     if is_json:
         status |= {"publish": publish} if publish else {}
-        return f"{json.dumps(status) if guide or publish else text.strip()}\n"
+        page = f"{json.dumps(status) if guide or publish else text.strip()}\n"
+        return page, is_healthy
     status |= {f"publish {name}": found for name, found in publish.items()}
-    return "\n".join(_lines(status)) + "\n"
+    return "\n".join(_lines(status)) + "\n", is_healthy
 
 
 def _published(config: "Config") -> dict[str, Any]:
@@ -143,6 +149,8 @@ def _lines(status: dict[str, Any]) -> Iterator[str]:
     groups = {key: value for key, value in status.items() if isinstance(value, dict)}
     yield from _table({k: v for k, v in status.items() if k not in groups}, indent="")
     for name, group in groups.items():
+        if not group:
+            continue
         yield ""
         yield _words(name)
         lists = [value for value in group.values() if isinstance(value, list)]
@@ -157,6 +165,8 @@ def _lines(status: dict[str, Any]) -> Iterator[str]:
 def _summary(status: dict[str, Any]) -> str:
     """Say in a line what a person wants to know first."""
     parts = [status["state"]]
+    if (log_group := status.get("log")) and log_group.get("trouble"):
+        parts.append(log_group["trouble"])
     if status.get("mode") is not None:
         parts[0] += f": {status['mode']}, r95 {status['r95_m']} m"
     if status.get("fix_age_s") is not None:

@@ -24,6 +24,7 @@ from imu_tracker.config.publishing import PublishConfig, refuse_doubles
 from imu_tracker.config.serving import GuideConfig, ServeConfig
 from imu_tracker.config.table import Table, key
 from imu_tracker.config.values import (
+    BAUDS,
     Bandwidth,
     Baud,
     Exact,
@@ -141,9 +142,7 @@ class GpsConfig(Table):
         'a device, "socket://HOST:PORT", "gpsd://HOST:PORT/DEVICE" or "udp://:PORT"',
         pattern=r"^\S+$",
     )
-    baud: Annotated[Baud, Exact] = key(
-        "auto", '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800'
-    )
+    baud: Annotated[Baud, Exact] = key("auto", BAUDS)
     latency_s: Latency = key("auto", 'from 0 to 2 s, or "auto"')
     lever_arm_m: LeverArm = key(
         (0.0, 0.0, 0.0), "three numbers [forward, right, down] from -100 to 100 m"

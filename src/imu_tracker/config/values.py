@@ -91,7 +91,8 @@ LeverArm = Annotated[tuple[Offset, Offset, Offset], BeforeValidator(as_tuple)]
 
 Bandwidth = Literal[260, 256, 188, 184, 98, 94, 44, 42, 21, 20, 10, 5]
 Latency = Annotated[float, Field(ge=0, le=2)] | Literal["auto"]
-Baud = Literal["auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800]
+Baud = Literal["auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600]
+BAUDS = '"auto", 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600'
 Scenario = Literal[
     "still",
     "walk-line",

@@ -6,18 +6,27 @@ file, once a minute to the journal. Nothing in here waits for a sensor.
 """
 
 import logging
-import math
 import os
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
 from imu_tracker.calibration.corrected import CorrectedModel, Corrections
 from imu_tracker.config import Config
 from imu_tracker.daemon.faults import faults_of
 from imu_tracker.daemon.state import KeptState
-from imu_tracker.daemon.status import VERSION, disk_free_mb, row_of, status_files
+from imu_tracker.daemon.status import (
+    VERSION,
+    Status,
+    disk_free_mb,
+    log_of,
+    prediction_of,
+    row_of,
+    status_files,
+)
 from imu_tracker.daemon.supervision import Notify, Signals
 from imu_tracker.errors import CalibrationError
+from imu_tracker.estimation.report import EstimatorReport
+from imu_tracker.notices import HoldOff
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.files import LiveRecordingWriter
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader, Source
@@ -37,8 +46,7 @@ LATE_NS: Final = 500 * MILLISECOND_NS
 AHEAD_S: Final = (1, 5, 10, 30, 60)
 """So far ahead the status says where it will be."""
 
-_BAD_ENDS: Final = ("_lost", "_reset", "_failed", "_overrun")
-"""Events whose word ends so are warnings."""
+_BAD_ENDS: Final = (" lost", " reset", " failed", " overrun")  # of events: warnings
 
 _USED: Final = ("fixes_initialised", "fixes_accepted", "fixes_reacquired")
 
@@ -74,6 +82,7 @@ class Loop:
     ) -> None:
         self._corrections, self._calibration = corrections, config.imu.calibration
         self._config, self._feed = config, feed
+        self._source = config.source.kind
         self._latlong, self._recorder = latlong, recorder
         self._signals, self._clock, self._notify = signals, clock, notify
         self._statuses = status_files(config.status)
@@ -82,7 +91,7 @@ class Loop:
         self._row: NavState | None = None
         self._late_rows = 0
         self._past: Counter[str] = Counter()  # of the sessions that are over
-        self._stalled = ""
+        self._stalled, self._hold_off = "", HoldOff()
         self._start_ns = self._second_ns = clock.now_ns()
         self._health_ns = self._start_ns + HEALTH_NS
         self._logged: Counter[str] = Counter()  # by the last line about the health
@@ -190,14 +199,18 @@ class Loop:
 
     def _log_event(self, text: str) -> None:
         word, _, rest = text.partition(" ")
-        is_bad = word.endswith(_BAD_ENDS)
-        level = logging.WARNING if is_bad else logging.INFO
-        log.log(level, "%s: %s", word.replace("_", " "), rest)
+        self._log([f"{word.replace('_', ' ')}: {rest}"])
+
+    def _log(self, events: list[str]) -> None:
+        for text in self._hold_off.pass_on(self._clock.now_ns(), events):
+            is_bad = text.partition(":")[0].endswith(_BAD_ENDS)
+            log.log(logging.WARNING if is_bad else logging.INFO, "%s", text)
 
     # ------------------------------------------------------------ each second, minute
 
     def _each_second(self, now_ns: int) -> None:
         """Report to systemd and the status file."""
+        self._log([])
         stalled = self._feed.stalled_source()
         if not stalled:
             self._notify("WATCHDOG=1")
@@ -222,19 +235,16 @@ class Loop:
         log.info("%s; in the last minute: %s", self._summary(), counted or "nothing")
 
     @property
-    def _source(self) -> str:
-        return self._config.source.kind
-
-    @property
     def _doing(self) -> str:
         if self._row is not None:
-            return "tracking"
+            return "not logging" if self._latlong.trouble else "tracking"
         return "starting" if self._pipeline is None else "waiting for the first fix"
 
     def _summary(self) -> str:
         if self._row is None:
             return self._doing
-        return f"tracking: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        summary = f"{self._doing}: {self._row.mode}, r95 {self._row.r95_m:.1f} m"
+        return "; ".join(filter(None, [summary, self._latlong.trouble]))
 
     def _counters(self) -> Counter[str]:
         total = Counter(self._past)
@@ -249,24 +259,18 @@ class Loop:
         total.update(self._feed.counters)
         return total
 
-    def _ahead(self) -> dict[str, Any] | None:
-        """Where it will be: a column of the status for each column of a prediction."""
-        if self._row is None or self._pipeline is None:
-            return None
-        found = self._pipeline.predict(AHEAD_S)
-        return {
-            "after_s": [told.after_s for told in found],
-            "lat_deg": [round(math.degrees(told.lat_rad), 6) for told in found],
-            "lon_deg": [round(math.degrees(told.lon_rad), 6) for told in found],
-            "r95_m": [math.ceil(told.r95_m * 10.0) / 10.0 for told in found],
-        }
-
-    def _describe(self, now_ns: int, counters: Counter[str]) -> dict[str, Any]:
+    def _describe(self, now_ns: int, counters: Counter[str]) -> Status:
         """Return the status, see `status`."""
         row = None if self._row is None else row_of(self._row)
-        health = self._feed.health()
-        learnt = {} if self._pipeline is None else self._pipeline.report()
-        learnt.pop("counters", None)
+        health, fix_age_s = self._feed.health(), (now_ns - self._fix_ns) // SECOND_NS
+        learnt, ahead = EstimatorReport(), None
+        unread: dict[str, int] = {}
+        if self._pipeline is not None:
+            if self._row is not None:
+                ahead = prediction_of(self._pipeline.predict(AHEAD_S))
+            learnt = self._pipeline.report()
+            learnt.pop("counters")
+            unread = self._pipeline.unread
         return {
             "version": VERSION,
             "pid": os.getpid(),
@@ -281,18 +285,14 @@ class Loop:
                 if self._row is not None and self._feed.is_live
                 else None
             ),
-            "fix_age_s": (
-                (now_ns - self._fix_ns) // SECOND_NS if self._used_fixes else None
-            ),
+            "fix_age_s": fix_age_s if self._used_fixes else None,
             "imu_rate_hz": health.get("imu", {}).get("rate_hz"),
             "disk_free_mb": disk_free_mb(self._config.log.path),
             "row": row,
-            "prediction": self._ahead(),
+            "prediction": ahead,
             **health,
-            "log": {
-                "path": str(self._config.log.path),
-                "is_failing": self._latlong.is_failing,
-            },
+            "unread_sentences": unread,
+            "log": log_of(self._config.log.path, self._latlong),
             "faults": faults_of(counters),
             "counters": dict(sorted(counters.items())),
             "learnt": learnt,

@@ -13,7 +13,7 @@ from imu_tracker import __version__
 from imu_tracker.samples import Mode
 from imu_tracker.storage.metrics import metric
 
-STATES: Final = ("starting", "waiting for the first fix", "tracking")
+STATES: Final = ("starting", "waiting for the first fix", "tracking", "not logging")
 
 _GAUGES: Final = (
     ("uptime_seconds", "uptime_s", 1, "Since the start of the daemon."),

@@ -10,7 +10,8 @@ from imu_tracker.errors import OutputError, StateError
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.sensors.clock import SECOND_NS
-from imu_tracker.storage.state_file import Sensor, StateFile
+from imu_tracker.storage.state_file import StateFile
+from imu_tracker.storage.state_model import Sensor
 
 SAVE_NS: Final = 300 * SECOND_NS
 """A power cut costs what was learnt in so long: a bias wanders by 0.03 deg/s. Two

@@ -7,4 +7,4 @@ several hypotheses. A late fix is handled by `error_state/fixed_lag`, or by `rew
 six-state. Not here: decoding, files, clocks.
 """
 
-__all__ = ["estimate", "prediction", "settings", "tracker", "tuning"]
+__all__ = ["estimate", "prediction", "report", "settings", "tracker", "tuning"]

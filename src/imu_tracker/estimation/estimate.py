@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, Quat, Vec3
@@ -62,7 +63,7 @@ class Estimator(Protocol):
     def restore(self, saved: object) -> None:
         """Return to a snapshot of this estimator."""
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
 
 

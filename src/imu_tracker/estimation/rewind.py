@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Protocol
 from imu_tracker.estimation.error_state.warm_start import Downtime, LearnedParameters
 from imu_tracker.estimation.estimate import Estimate, Estimator
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
@@ -73,7 +74,7 @@ class Navigator(Protocol):
     def gyro_bias(self) -> tuple[Vec3, float]:
         """Gyro bias in rad/s, body axes, and its standard deviation per axis."""
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
 
     def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
@@ -174,7 +175,7 @@ class Rewinding:
         """Gyro bias in rad/s, body axes, and its standard deviation per axis."""
         return self._estimator.gyro_bias()
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
         return self._estimator.report()
 

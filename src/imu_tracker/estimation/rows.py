@@ -8,6 +8,7 @@ from typing import Final
 
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.utc import UtcClock
+from imu_tracker.notices import Flapping
 from imu_tracker.samples import GpsFix, Mode
 
 GPS_MODE_NS: Final = 2_000_000_000
@@ -62,8 +63,9 @@ class RowGrid:
             self.next_utc_ns += self.period_ns
             if hole_ns := utc.slew(self.period_ns):
                 self.next_utc_ns += self._rounded_up(hole_ns)
+                way = "forward" if hole_ns > 0 else "back"
                 self._notify(
-                    f"the rows' times go forward by {hole_ns * 1e-9:.1f} s at once"
+                    f"the rows' times go {way} by {abs(hole_ns) * 1e-9:.1f} s at once"
                 )
 
     def _rounded_up(self, utc_ns: int) -> int:
@@ -84,6 +86,7 @@ class ModeMonitor:
         self._period, self._notify = period, notify
         self._fix_ns: int | None = None
         self._used_ns: int | None = None
+        self._imu_flapping = Flapping()
         self._last_notice = ""
 
     def add_fix(self, fix: GpsFix) -> None:
@@ -103,11 +106,12 @@ class ModeMonitor:
         ----------
         row_ns : int
         has_imu : bool
-            Whether the last step has samples.
+            Whether the last step has samples; one that flaps does not count.
         is_resting : bool
         is_imu_out : bool
             Whether the estimator follows the receiver against the IMU.
         """
+        has_imu = self._imu_flapping.counts(row_ns, has_imu)
         window_ns = max(GPS_MODE_NS, int(GPS_MODE_PERIODS * self._period.shortest_ns))
         has_gps = self._used_ns is not None and row_ns - self._used_ns <= window_ns
         no_gps = "no GPS yet" if self._used_ns is None else "GPS lost"

@@ -19,6 +19,7 @@ from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
 from imu_tracker.estimation.receiver.utc import UtcClock
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.rewind import COAST_NS, USED_OUTCOMES
 from imu_tracker.estimation.rows import ModeMonitor, RowGrid
 from imu_tracker.estimation.settings import TrackerSettings, later, navigator_of
@@ -61,6 +62,7 @@ class Tracker:
         self._settings = settings
         self._fixes: Counter[str] = Counter()
         self._notices: list[str] = []
+        self._notify = self._notices.append
         self._fix_period = FixPeriod()
         self._preintegrator = Preintegrator()
         self._turning = Turning()
@@ -151,9 +153,8 @@ class Tracker:
     def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:
         jump_s = self._utc.add_epoch(arrival_ns, utc_s)
         if jump_s:
-            self._notify(
-                f"the receiver's time jumped by {jump_s:+.1f} s; the rows' follows"
-            )
+            follows = self._utc.follows(jump_s)
+            self._notify(f"the receiver's time jumped by {jump_s:+.1f} s; {follows}")
 
     def _update(self, fix: GpsFix, instant_ns: int) -> FixOutcome:
         """Give the fix to the navigator; until the first row, each one starts it.
@@ -237,6 +238,7 @@ class Tracker:
             estimate.q_nb,
             estimate.r95_m + way_m,
             mode,
+            self._utc.is_sure,
         )
 
     def predict(self, after_s: Iterable[float]) -> list[Prediction]:
@@ -269,12 +271,10 @@ class Tracker:
         fixes = Counter({f"fixes_{k}": n for k, n in self._fixes.items()})
         return fixes + self._preintegrator.counters
 
-    def _notify(self, notice: str) -> None:
-        self._notices.append(notice)
-
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        notices, self._notices = self._notices, []
+        notices = self._notices.copy()
+        self._notices.clear()
         return notices + self._navigator.take_notices()
 
     def learned_parameters(self) -> LearnedParameters | None:
@@ -288,13 +288,11 @@ class Tracker:
             still_levels=self._standstill.vibration.levels,
         )
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt."""
-        vibration = self._standstill.vibration
-        return {
-            **self._navigator.report(),
-            "still_gyro_threshold_dps": math.degrees(vibration.gyro_threshold_radps),
-            "still_accel_threshold_mps2": vibration.accel_threshold_mps2,
-            "utc_jumps": self._utc.jumps,
-            "utc_holes": self._utc.holes,
-        }
+        vibration, report = self._standstill.vibration, self._navigator.report()
+        gyro_radps = vibration.gyro_threshold_radps
+        report["still_gyro_threshold_dps"] = math.degrees(gyro_radps)
+        report["still_accel_threshold_mps2"] = vibration.accel_threshold_mps2
+        report["utc_jumps"], report["utc_holes"] = self._utc.jumps, self._utc.holes
+        return report

@@ -101,6 +101,11 @@ VELOCITY_CORRELATION_S: Final = 4.0
 """Correlation time of the error of a Doppler velocity: geometry of the satellites, and
 the filter of the receiver."""
 
+HOLDING_S: Final = 5.0
+CATCHING_UP_S: Final = 8.0
+"""Static navigation: a receiver that repeats its place for so long holds it at rest,
+and follows a slow motion late for so long."""
+
 VELOCITY_LATE_S: Final = 1.0
 """Receivers that smooth their velocities report them late by a varying second: added to
 the variance when hypotheses are compared."""

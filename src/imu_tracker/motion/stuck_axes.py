@@ -100,6 +100,11 @@ class StuckAxes:
         )
         self._bursts, self._told_ns = 0, t_ns
 
+    @property
+    def stuck(self) -> tuple[str, ...]:
+        """The axes that stand now."""
+        return tuple(_NAMES[axis] for axis in self._stuck)
+
     def take_notices(self) -> list[str]:
         """Transitions since the last call."""
         notices, self._notices = self._notices, []
@@ -114,13 +119,13 @@ class StuckAxes:
         ]
         stuck = self._confirmed(block, standing) if standing else ()
         if stuck != self._stuck:
-            names = ", ".join(_NAMES[axis] for axis in stuck)
+            self._stuck = stuck
             self._notices.append(
-                f"imu: stuck: {names}; the IMU is not used"
+                f"imu: stuck: {', '.join(self.stuck)}; the IMU is not used: run "
+                "imu-tracker selftest; if that fails too, the chip is broken"
                 if stuck
                 else "imu: all axes move again"
             )
-            self._stuck = stuck
 
     def _confirmed(self, block: list[bytes], standing: list[int]) -> tuple[int, ...]:
         columns = list(zip(*map(_COUNTS.unpack, block), strict=True))

@@ -33,7 +33,7 @@ class Rules(NamedTuple):
     Attributes
     ----------
     moving_s, still_s : float
-        After so long, moving and at rest; `moving_s` 0: every row.
+        After so long, moving and at rest; 0: every row.
     turn_deg : float
         When the course has turned by more.
     """

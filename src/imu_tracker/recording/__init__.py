@@ -4,4 +4,4 @@ In: frames or a path. Out: frames, scores, sensor reports. Not here: live source
 (`sources/`), estimation.
 """
 
-__all__ = ["capture", "edit", "files", "replay", "scoring", "sensor_report"]
+__all__ = ["capture", "edit", "files", "layout", "replay", "scoring", "sensor_report"]

@@ -15,6 +15,8 @@ from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, Stopwatch
 from imu_tracker.recording.scoring import Track, score
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, NavState, SessionHeader
+from imu_tracker.sensors.gnss.sentences import TOLD_AFTER
+from imu_tracker.storage.latlong import goes_back
 from imu_tracker.storage.state_file import StateFile, sensor_of
 
 _MINUTE_NS: Final = 60_000_000_000
@@ -53,22 +55,32 @@ class Replay:
         self._columns = tuple(array("d") for _ in range(4))
 
     def rows(self, stream: Iterable[SessionHeader | Frame]) -> Iterator[NavState]:
-        """Yield the rows of the log; their times grow, also from session to session."""
-        last_utc_s = -math.inf
+        """Yield the rows of the log; their times grow, also from session to session.
+
+        Only where many epochs agree that the session's dates were wrong they go back,
+        by more than a minute: a new log begins there.
+        """
+        last_utc_s = begin_utc_s = -math.inf
         for item in stream:
             self._elapsed_s = self._stopwatch.read(item)
             if isinstance(item, SessionHeader):
                 self._begin(item)
+                begin_utc_s = last_utc_s
                 continue
             if self._pipeline is None:
                 raise ValueError("a stream begins with its header")
             for due in self._due_rows(self._pipeline, item):
                 self._tell()
                 for state in due:
-                    if state.utc_s > last_utc_s:
-                        last_utc_s = state.utc_s
-                        self._keep(item, state)
-                        yield state
+                    is_new_log = begin_utc_s < last_utc_s and goes_back(
+                        state, last_utc_s
+                    )
+                    if state.utc_s <= last_utc_s and not is_new_log:
+                        self._counters["skipped_rows"] += 1
+                        continue
+                    last_utc_s = state.utc_s
+                    self._keep(item, state)
+                    yield state
         self._tell()
 
     def _due_rows(self, pipeline: Pipeline, frame: Frame) -> Iterator[list[NavState]]:
@@ -86,7 +98,14 @@ class Replay:
         """Say in one line what came of it."""
         rows = len(self._columns[0])
         fixes = self._all_counters()["fixes"]
-        return f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
+        text = f"{self._elapsed_s:.0f} s, {fixes} fixes, {rows} rows"
+        if skipped := self._counters["skipped_rows"]:
+            text += f", {skipped} left out (their times are those of earlier rows)"
+        unread = Counter(self._unread())
+        for reason, n in unread.most_common(1):
+            if n >= TOLD_AFTER or not fixes:
+                text += f"; sentences that cannot be used: {reason}, {n} times"
+        return text
 
     def result(self) -> dict[str, Any]:
         """Return figures for machines: what was seen, and what was learnt last."""
@@ -97,12 +116,16 @@ class Replay:
             "sessions": self._sessions,
             "rows": len(self._columns[0]),
             "counters": dict(self._all_counters()),
+            "unread": self._unread(),
             "learnt": learnt,
         }
 
     def score(self, truth: Track, outages: Sequence[Outage]) -> dict[str, Any]:
-        """Score the rows; the outages count from the first frame."""
-        utc_s, lat_deg, lon_deg, r95_m = (np.array(column) for column in self._columns)
+        """Score the rows of the last log; the outages count from the first frame."""
+        columns = [np.array(column) for column in self._columns]
+        backward = np.flatnonzero(np.diff(columns[0]) <= 0)
+        begin = int(backward[-1]) + 1 if len(backward) else 0
+        utc_s, lat_deg, lon_deg, r95_m = (column[begin:] for column in columns)
         track = Track(utc_s, lat_deg, lon_deg)
         return score(track, r95_m, truth, outages, self._zero_utc_s)
 
@@ -143,6 +166,10 @@ class Replay:
         if self._pipeline is not None:
             for notice in self._pipeline.take_notices():
                 log.info("at %.1f s: %s", self._elapsed_s, notice)
+
+    def _unread(self) -> dict[str, int]:
+        """Why sentences of the last session could not be used, and how often."""
+        return self._pipeline.unread if self._pipeline is not None else {}
 
     def _all_counters(self) -> Counter[str]:
         now = self._pipeline.counters if self._pipeline is not None else Counter()

@@ -203,9 +203,9 @@ def describe(figures: dict[str, Any]) -> Iterable[str]:
     for name, title in (("with_gps", "with GPS"), ("outage", "in outages")):
         if part := figures[name]:
             yield (
-                f"{title:12}{part['n']:7d}"
+                f"{title:12} {part['n']:6d}"
                 + "".join(
-                    f"{part[key]:10.2f} m" for key in ("rms", "p50", "p95", "max")
+                    f" {part[key]:9.2f} m" for key in ("rms", "p50", "p95", "max")
                 )
                 + f"   {part['inside_r95']:9.1%}  {part['r95_median']:.2f} m"
             )

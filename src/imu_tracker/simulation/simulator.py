@@ -30,6 +30,7 @@ from imu_tracker.simulation.imu.errors import ChipTraits, SensorErrors
 from imu_tracker.simulation.motion.positions import (
     TICKS_PER_S,
     Whereabouts,
+    at_antenna,
     whereabouts,
 )
 from imu_tracker.simulation.receiver.receiver import Receiver, ReceiverErrors
@@ -84,6 +85,7 @@ def simulate(
     errors: SensorErrors | None = None,
     receiver: ReceiverErrors | None = None,
     baud: int | None = None,
+    lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
     truth_hz: int = 4,
     chip: ChipTraits | None = None,
     wheels: bool = True,
@@ -108,6 +110,8 @@ def simulate(
         Time between the receiver's epochs, a multiple of 0.05 s.
     baud : int, optional
         Bits per second of the receiver's line; the receiver's own when not given.
+    lever_arm_m : Vec3, body axes
+        From the chip to the antenna, whose position is the truth.
     errors, receiver : optional
         How good the sensors are; the scenario's own when left out.
     truth_hz : int
@@ -130,7 +134,8 @@ def simulate(
         return np.random.default_rng([seed, stream])
 
     def ticks() -> Iterator[Whereabouts]:
-        return whereabouts(plan.trajectory(rng(_Stream.TRAJECTORY)), plan.start)
+        chip_at = whereabouts(plan.trajectory(rng(_Stream.TRAJECTORY)), plan.start)
+        return at_antenna(chip_at, lever_arm_m) if any(lever_arm_m) else chip_at
 
     if chip is None:
         chip = ChipTraits.draw(errors, rng(_Stream.CHIP))

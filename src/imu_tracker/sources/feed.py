@@ -6,7 +6,7 @@ loop may let time pass only as far as nothing can come from before it any more.
 """
 
 from collections import Counter
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypedDict
 
 from imu_tracker.samples import Frame, SessionHeader
 
@@ -19,6 +19,29 @@ class Delivery(NamedTuple):
 
     items: list[SessionHeader | Frame]
     complete_ns: int | None
+
+
+class ImuStatus(TypedDict):
+    """Whether the chip delivers, its name and its measured rate."""
+
+    is_ready: bool
+    chip: str
+    rate_hz: float
+
+
+class GpsStatus(TypedDict):
+    """What the receiver's port does, in words, and its speed."""
+
+    state: str
+    detail: str
+    baud: int | None
+
+
+class SensorHealth(TypedDict, total=False):
+    """Empty where there are no sensors."""
+
+    imu: ImuStatus
+    gps: GpsStatus
 
 
 class Feed(Protocol):
@@ -42,7 +65,7 @@ class Feed(Protocol):
         """Name a stalled source, or ""; the watchdog is not fed while there is one."""
         ...
 
-    def health(self) -> dict[str, dict[str, Any]]:
+    def health(self) -> SensorHealth:
         """Return how each sensor is, for the status."""
         ...
 

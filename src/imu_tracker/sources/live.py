@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from imu_tracker.config import Config
 from imu_tracker.samples import Frame, SessionHeader, Source
@@ -10,7 +10,7 @@ from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS, Clock
 from imu_tracker.sensors.gnss.reader import GpsReader
 from imu_tracker.sensors.imu.reader import ImuReader
 from imu_tracker.sources import factory as hardware
-from imu_tracker.sources.feed import BATCH, Delivery
+from imu_tracker.sources.feed import BATCH, Delivery, SensorHealth
 
 MAX_WAITING: Final = 20_000
 """Frames that wait while the loop is busy: three minutes at 100 Hz, and 5 MB."""
@@ -110,7 +110,7 @@ class HardwareFeed:
             return "the thread of the IMU neither delivers nor retries"
         return ""
 
-    def health(self) -> dict[str, dict[str, Any]]:
+    def health(self) -> SensorHealth:
         """Return how each sensor is, for the status."""
         imu, gps = self._imu, self._gps.health()
         rate_hz = round(imu.rate_hz, 3) if imu.is_ready else 0.0

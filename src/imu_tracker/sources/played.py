@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from imu_tracker.config import Config
 from imu_tracker.errors import ConfigError, InputMissingError, RecordingError
@@ -10,7 +9,7 @@ from imu_tracker.recording.edit import Stopwatch
 from imu_tracker.recording.files import read_recording
 from imu_tracker.samples import Frame, SessionHeader
 from imu_tracker.sensors.clock import SECOND_NS, Clock
-from imu_tracker.sources.feed import BATCH, Delivery
+from imu_tracker.sources.feed import BATCH, Delivery, SensorHealth
 
 
 def simulated(config: Config) -> Iterator[SessionHeader | Frame]:
@@ -27,6 +26,7 @@ def simulated(config: Config) -> Iterator[SessionHeader | Frame]:
         gyro_range_dps=imu.gyro_range_dps,
         mount=imu.mount,
         wheels=source.wheels == "on",
+        lever_arm_m=config.gps.lever_arm_m,
     )
     yield config.amended(simulation.header)
     yield from simulation.frames
@@ -98,7 +98,7 @@ class PlayedFeed:
         """Return "": there is no thread that could hang."""
         return ""
 
-    def health(self) -> dict[str, dict[str, Any]]:
+    def health(self) -> SensorHealth:
         """Return nothing: there are no sensors."""
         return {}
 

@@ -13,6 +13,7 @@ __all__ = [
     "log_tail",
     "metrics",
     "state_file",
+    "state_model",
     "status_file",
     "torn_lines",
 ]

@@ -7,7 +7,6 @@ deleted under it, a second daemon (refused). It has no clock: `tick` brings the 
 
 import contextlib
 import errno
-import fcntl
 import logging
 import os
 import stat
@@ -17,8 +16,8 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from imu_tracker.errors import OutputError
+from imu_tracker.storage.atomic import lock_path, make_directories
 from imu_tracker.storage.rotated_files import (
-    DIRECTORY_MODE,
     FILE_MODE,
     RotatedFiles,
     sync_directory,
@@ -102,7 +101,7 @@ class AppendFile:
         self._due_ns = self._pack_due_ns = 0
         try:
             make_directories(path.parent)
-            self._lock = _lock(path)
+            self._lock = lock_path(path)
             try:
                 self._open()
                 self.rotated.resume()
@@ -132,6 +131,16 @@ class AppendFile:
         if self._size >= self._rotate_at_bytes:
             self._rotate(self._fd)
         return True
+
+    def put_aside(self) -> bool:
+        """Rotate the file now, whatever its size; False when the disk refuses."""
+        if self._fd is None:
+            return False
+        if self._size <= len(self.head):
+            return True  # nothing stands in it yet
+        inode = self._inode
+        self._rotate(self._fd)
+        return self._inode != inode
 
     def _keep(self, records: bytes) -> bool:
         """Keep records in memory; what is there already comes first."""
@@ -288,26 +297,3 @@ def is_foreign(path: Path, layout: Layout) -> bool:
     """Whether a file is there that would be refused as somebody else's."""
     with path.open("rb") as file:
         return layout.whole_size(file) is None and not layout.is_our_format(file)
-
-
-def make_directories(directory: Path) -> None:
-    """Make a directory and its parents for the owner and the group only."""
-    if not directory.exists():
-        make_directories(directory.parent)
-        directory.mkdir(DIRECTORY_MODE, exist_ok=True)
-
-
-def _lock(path: Path) -> int:
-    """Take the exclusive lock of a path, or raise OutputError."""
-    lock = path.with_name(f".{path.name}.lock")
-    fd = os.open(lock, os.O_RDWR | os.O_CREAT, FILE_MODE)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(fd)
-        if error.errno != errno.EWOULDBLOCK:
-            raise
-        raise OutputError(
-            f"{path}: another process is writing it; end that or choose another path"
-        ) from error
-    return fd

@@ -11,26 +11,28 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator
-from datetime import UTC, datetime, timedelta
-from functools import lru_cache, partial
-from math import atan2, ceil, degrees, hypot
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from imu_tracker.errors import InputMissingError, LogError
+from imu_tracker.errors import InputMissingError, LogError, OutputError
 from imu_tracker.samples import NavState
 from imu_tracker.storage.append_file import AppendFile, Layout, Limits
+from imu_tracker.storage.log_text import format_row as format_row
+from imu_tracker.storage.log_text import format_utc as format_utc
+from imu_tracker.storage.log_text import utc_ms_of, utc_s_of
+from imu_tracker.storage.rotated_files import RotatedFiles
 from imu_tracker.storage.torn_lines import end_of_lines, is_our_format, read_lines
 
 HEADER: Final = "time_utc,lat_deg,lon_deg,alt_m,speed_mps,course_deg,r95_m,mode"
 
-MIN_COURSE_SPEED_MPS: Final = 0.3
-"""Below it the course is noise, and left empty."""
+BACK_S: Final = 60.0
+"""Rows that go back by more than this were dated wrong before; by less, they wait until
+the log is reached again."""
 
 MAX_GAP_S: Final = 2.5
 """Rows further apart are not joined: the tracker was off between them."""
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _HEADER_LINE = HEADER.encode()
 _ROW = re.compile(
     rb"((?:19[89]|[23]\d\d)\d-[01]\d-[0-3]\dT[0-2]\d:[0-5]\d:[0-6]\d(?:\.\d{1,6})?)Z"
@@ -48,55 +50,9 @@ log = logging.getLogger(__name__)
 Column: TypeAlias = "NDArray[np.float64]"
 
 
-@lru_cache(maxsize=2)
-def _minute_text(minute: int) -> str:
-    """Everything of a time but its seconds: formatting a date is slow."""
-    return f"{_EPOCH + timedelta(minutes=minute):%Y-%m-%dT%H:%M:}"
-
-
-@lru_cache(maxsize=2)
-def _minute_utc_s(text: bytes) -> float:
-    return datetime.fromisoformat(f"{text.decode()}Z").timestamp()
-
-
-def _utc_s(time: bytes) -> float:
-    return _minute_utc_s(time[:16]) + float(time[17:])
-
-
-def _utc_ms(utc_s: float) -> int:
-    return round(utc_s * 1000.0)
-
-
-def format_utc(utc_s: float) -> str:
-    """Return a time as the log has it, to the millisecond."""
-    minute, ms = divmod(_utc_ms(utc_s), 60_000)
-    return f"{_minute_text(minute)}{ms // 1000:02d}.{ms % 1000:03d}Z"
-
-
-def format_row(state: NavState) -> str:
-    """Format one row of the log, without newline.
-
-    Notes
-    -----
-    Rows lie on a grid whose instants are whole milliseconds. The speed that is printed
-    decides whether there is a course, so that a row never contradicts itself.
-    """
-    lat_deg = degrees(state.lat_rad)
-    lon_deg = degrees(state.lon_rad)
-    if not -179.999999 < lon_deg < 179.999999:
-        lon_deg = 180.0 - (180.0 - round(lon_deg, 8)) % 360.0
-    alt = "" if state.alt_m is None else f"{state.alt_m:z.1f}"
-    v_north, v_east, _ = state.v_n_mps
-    speed_mps = round(hypot(v_north, v_east), 2)
-    course = ""
-    if speed_mps >= MIN_COURSE_SPEED_MPS:
-        course = f"{round(degrees(atan2(v_east, v_north)) % 360.0, 1) % 360.0:.1f}"
-    r95_m = ceil(state.r95_m * 100.0 - 1e-7) / 100.0  # 3.94 is not 3.95
-    return (
-        f"{format_utc(state.utc_s)},"
-        f"{lat_deg:z.8f},{lon_deg:z.8f},{alt},{speed_mps:.2f},{course},"
-        f"{r95_m:.2f},{state.mode}"
-    )
+def goes_back(state: NavState, last_utc_s: float) -> bool:
+    """Whether the last row was dated wrong, so that a new log begins with this one."""
+    return state.is_date_sure and last_utc_s - state.utc_s > BACK_S
 
 
 class LatLongLog:
@@ -140,10 +96,27 @@ class LatLongLog:
         """Whether rows wait in memory because the disk does not take them."""
         return self._file.is_failing
 
+    @property
+    def trouble(self) -> str:
+        """Why rows are not written now, and what to do; "" while they are."""
+        if self._is_behind:
+            last = format_utc(self._last_ms / 1000)
+            return (
+                f"rows are left out: the log ends later than they are, at {last}; a "
+                "new one begins by itself once the receiver's time has proved itself"
+            )
+        if self._file.is_failing:
+            return "rows wait in memory: the disk takes none; see the journal"
+        return ""
+
     def write(self, state: NavState) -> None:
-        """Append a row, unless the log has reached a later instant already."""
-        utc_ms = _utc_ms(state.utc_s)
-        if utc_ms <= self._last_ms:
+        """Append a row, unless the log has reached a later instant already.
+
+        One that lies more than a minute back, and is surely dated right, begins a new
+        file: the last row of the old one had a wrong date.
+        """
+        utc_ms = utc_ms_of(state.utc_s)
+        if utc_ms <= self._last_ms and not self._is_begun_anew(state):
             self._skip()
             return
         self._last_ms, self._is_behind = utc_ms, False
@@ -162,15 +135,21 @@ class LatLongLog:
         """Sync and close the file."""
         self._file.close()
 
+    def _is_begun_anew(self, state: NavState) -> bool:
+        """Put a file aside whose last row lies in the future of a date that is sure."""
+        if not goes_back(state, self._last_ms / 1000) or not self._file.put_aside():
+            return False
+        self.counters["logs_put_aside"] += 1
+        times = format_utc(self._last_ms / 1000), format_utc(state.utc_s)
+        told = "%s: ends at %s, later than it is now, %s: put aside, and begun anew"
+        log.warning(told, self._file.path, *times)
+        return True
+
     def _skip(self) -> None:
         self.counters["skipped_rows"] += 1
         if not self._is_behind:
             self._is_behind = True
-            log.warning(
-                "%s: rows are left out until they are later than its last one; "
-                "move the file away if that one's time is wrong",
-                self._file.path,
-            )
+            log.warning("%s: %s", self._file.path, self.trouble)
 
     def _last_logged_ms(self) -> int:
         """Find the last time in this file, or in the newest that was rotated."""
@@ -187,7 +166,7 @@ def _last_row(path: Path) -> int | None:
     last = None
     for lines in read_lines(path, LogError):
         last = next((m for m in map(_ROW.fullmatch, reversed(lines)) if m), last)
-    return None if last is None else _utc_ms(_utc_s(last[1]))
+    return None if last is None else utc_ms_of(utc_s_of(last[1]))
 
 
 def _is_whole(line: bytes) -> bool:
@@ -222,7 +201,7 @@ class LogRow(NamedTuple):
 
 
 class LoggedTrack(NamedTuple):
-    """The columns of a lat/long log; what is empty in the file is NaN."""
+    """The columns of a lat/long log; NaN as in `LogRow`."""
 
     utc_s: "Column"
     lat_deg: "Column"
@@ -240,7 +219,8 @@ def read_log(path: Path) -> LoggedTrack:
     Raises
     ------
     LogError
-        When a row is malformed; a last row that was cut is left out with a warning.
+        When it is no log, or has no sound row among damaged ones. Rows that are
+        damaged, by a card or an editor, are left out with a warning that counts them.
     InputMissingError
         When there is no such file.
     """
@@ -254,23 +234,34 @@ def read_log(path: Path) -> LoggedTrack:
 
 def read_rows(path: Path) -> Iterator[LogRow]:
     """Read a lat/long log row by row, in little memory; see `read_log`."""
-    done = 0
+    done = n_rows = n_bad = 0
+    first_bad: LogError | None = None
     for lines in read_lines(path, LogError):
         for number, line in enumerate(lines, done + 1):
             if line == _HEADER_LINE:
                 continue
+            if number == 1:
+                raise _unexpected(path, number, "the header", line)
             try:
-                if number == 1:
-                    raise ValueError
-                yield parse_row(line)
-            except ValueError as error:
-                expected = f"{'the header' if number == 1 else 'a row of'} {HEADER}"
-                raise LogError(
-                    f"{path}:{number}: expected {expected}, not {line[:80]!r}"
-                ) from error
+                row = parse_row(line)
+            except ValueError:
+                first_bad = first_bad or _unexpected(path, number, "a row of", line)
+                n_bad += 1
+                continue
+            n_rows += 1
+            yield row
         done += len(lines)
     if not done:
         raise LogError(f"{path}:1: expected the header {HEADER}, not the end")
+    if first_bad is not None:
+        if not n_rows:
+            raise first_bad
+        rows = "1 damaged row" if n_bad == 1 else f"{n_bad} damaged rows"
+        log.warning("%s left out of %d; the first: %s", rows, n_bad + n_rows, first_bad)
+
+
+def _unexpected(path: Path, number: int, expected: str, line: bytes) -> LogError:
+    return LogError(f"{path}:{number}: expected {expected} {HEADER}, not {line[:80]!r}")
 
 
 def parse_row(line: bytes) -> LogRow:
@@ -285,7 +276,7 @@ def parse_row(line: bytes) -> LogRow:
     if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0:
         raise ValueError
     return LogRow(
-        _utc_s(time),
+        utc_s_of(time),
         lat_deg,
         lon_deg,
         alt_m,
@@ -294,3 +285,11 @@ def parse_row(line: bytes) -> LogRow:
         r95_m,
         mode.decode(),
     )
+
+
+def put_aside(path: Path) -> Path:
+    """Rename a log after its first row, and return its new name; OutputError."""
+    try:
+        return RotatedFiles(path, _first_utc).take()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be renamed: {error.strerror}") from error

@@ -6,6 +6,8 @@ rotation, deletion and restarts of the daemon. No thread, no clock: each call of
 still grows for whoever has it open, so it is read to its end before the next one.
 """
 
+import codecs
+import logging
 import math
 import os
 from collections import Counter
@@ -21,6 +23,8 @@ from imu_tracker.storage.torn_lines import MAX_LINE_BYTES, read_lines
 
 _BLOCK_BYTES: Final = 1 << 16
 _HEADER_LINE: Final = HEADER.encode()
+
+log = logging.getLogger(__name__)
 
 
 class TailPosition(NamedTuple):
@@ -218,12 +222,20 @@ class LogTail:
         return -math.inf
 
     def _row(self, line: bytes) -> LogRow | None:
+        line = line.removeprefix(codecs.BOM_UTF8).removesuffix(b"\r")
         if line == _HEADER_LINE:
             return None
         try:
             row = parse_row(line)
         except ValueError:
+            if not self.counters["bad_lines"]:
+                told = "%s: a damaged row is left out, and so are more like it: %r"
+                log.warning(told, self._path, line[:80])
             self.counters["bad_lines"] += 1
+            return None
+        if row.utc_s == self._after_s:
+            # The row of the position: what stands behind it is new, whatever its time.
+            self._after_s = -math.inf
             return None
         return row if row.utc_s > self._after_s else None
 

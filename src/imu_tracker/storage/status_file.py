@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from imu_tracker.errors import NotRunningError
-from imu_tracker.storage.append_file import make_directories
+from imu_tracker.storage.atomic import make_directories
 from imu_tracker.storage.rotated_files import FILE_MODE
 
 STALE_S: Final = 5.0

@@ -5,6 +5,7 @@ zero bytes where the file system had promised space. Readers drop that tail and 
 so; writers cut it off before they append. What is damaged anywhere else is an error.
 """
 
+import codecs
 import contextlib
 import io
 import logging
@@ -32,6 +33,8 @@ log = logging.getLogger(__name__)
 
 def read_lines(path: Path, fault: type[TrackerError]) -> Iterator[list[bytes]]:
     """Read the whole lines of a file in batches, without their newlines.
+
+    A byte order mark and CRs before newlines, from editors of Windows, are left out.
 
     Parameters
     ----------
@@ -65,8 +68,13 @@ def _batches(
     number, zeros, rest, is_torn = 0, 0, b"", False
     try:
         for block in _unpacked(file) if is_gzip else _blocks(file):
-            lines = (rest + block).split(b"\n")
+            text = rest + block
+            lines = text.split(b"\n")
             rest = lines.pop()
+            if lines and not number:
+                lines[0] = lines[0].removeprefix(codecs.BOM_UTF8)
+            if b"\r" in text:
+                lines = [line.removesuffix(b"\r") for line in lines]
             number += len(lines)
             if len(rest) > MAX_LINE_BYTES:
                 whole = len(rest)
@@ -194,7 +202,7 @@ def is_our_format(
         Tells a line of the kind; one is enough where a power cut took the first.
     """
     file.seek(0)
-    head = file.read(_TAIL_BYTES)
+    head = file.read(_TAIL_BYTES).removeprefix(codecs.BOM_UTF8).replace(b"\r", b"")
     if head[:1] == GZIP_MAGIC[:1]:
         head = _unpacked_start(head)
     if first_words.startswith(head.rstrip(b"\0")):  # cut before it could tell

@@ -83,7 +83,7 @@ def main() -> None:
         os.environ["RUNTIME_DIRECTORY"],
         "/tmp",  # its own
         "/etc/imu-tracker",
-        "/opt/imu-tracker",
+        "/usr/lib/imu-tracker",
         "/var/log",
         "/var/lib",
         "/usr/local",

@@ -1,5 +1,6 @@
 """`check`, `record` and `selftest` on a fake bus and a scripted receiver."""
 
+import errno
 import json
 import logging
 import os
@@ -20,7 +21,9 @@ from imu_tracker.sensors import clock as clocks
 from imu_tracker.sensors import pi_advice as mending
 from imu_tracker.sensors.gnss.reader import GpsHealth, GpsState
 from imu_tracker.sources import factory as hardware
+from imu_tracker.storage.latlong import HEADER as LOG_HEADER
 from support.fake_clock import FakeClock
+from support.nmea_text import rmc
 
 RMC = b"$GNRMC,120001.00,A,5159.4000000,N,00422.2000000,E,0.012,,221126,,,A*61"
 GGA = b"$GNGGA,120001.00,5159.4000000,N,00422.2000000,E,1,09,1.0,5.0,M,47.0,M,,*"
@@ -211,27 +214,139 @@ def test_a_chip_of_another_scale_that_lies_still_is_told(
     assert f"has {factor} times the scale of its name" in found["IMU"]
 
 
-class _Clock(FakeMpu6050):
-    """A DS3231: 19 registers in BCD that repeat."""
+@pytest.mark.parametrize("axis", [0, 2, 4, 8, 10, 12])
+def test_an_axis_that_stands_is_broken_though_the_chip_lies_still(
+    axis: int,
+    bench: Bench,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measure = bench.chip._measure
 
-    DATE = bytes.fromhex("25141205271126 000000000000001c00001940")
+    def standing(t_ns: int) -> bytes:
+        burst = measure(t_ns)
+        return burst[:axis] + b"\x01\x23" + burst[axis + 2 :]
+
+    monkeypatch.setattr(bench.chip, "_measure", standing)
+    code, found = check(capsys)
+    assert code == 69
+    assert "stands, the chip is broken: run imu-tracker selftest" in found["IMU"]
+
+
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        # m-rtijn/mpu6050#28: accelerometer zero, gyro x -156.18 deg/s, always.
+        ("000000000000 0cb2 d80000000000", "the accelerometer never changes"),
+        # hybridgroup/gobot#236: plausible values that stay though it is moved.
+        ("000000000002 0cb2 00010002ffff", "the accelerometer never changes"),
+        ("0000000000000000000000000000", "all axes give exactly zero"),
+    ],
+)
+def test_a_chip_whose_values_never_change_is_broken(
+    counts: str,
+    said: str,
+    bench: Bench,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bench.chip, "_measure", lambda t_ns: bytes.fromhex(counts))
+    code, found = check(capsys)
+    assert code == 69
+    assert said in found["IMU"]
+    assert "run imu-tracker selftest" in found["IMU"]
+
+
+class _Clock(FakeMpu6050):
+    """A clock chip: 19 registers that repeat."""
+
+    registers_hex = ""
 
     def read(self, register: int, length: int) -> bytes:
-        return bytes(self.DATE[(register + i) % 19] for i in range(length))
+        data = bytes.fromhex(self.registers_hex)
+        return bytes(data[(register + i) % 19] for i in range(length))
 
     def write(self, register: int, value: int) -> None:
         raise AssertionError("a clock was written to")
 
 
+CLOCKS = {
+    "DS3231": "25 14 12 05 27 11 26 000000000000001c00001940",
+    "DS3231, 12-hour clock": "25 14 71 01 01 01 00 000000000000001c00001940",
+    "DS1307 that stands": "80 00 00 01 01 01 00 93 0102030405060708090a0b",
+    "PCF8523": "00 00 e0 25 14 12 27 00 11 26 808080800000000000",
+}
+
+
+@pytest.mark.parametrize("registers_hex", CLOCKS.values(), ids=CLOCKS)
 @pytest.mark.parametrize("allow", ["true", "false"])
 def test_a_clock_chip_is_named_and_never_written_to(
-    allow: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+    allow: str,
+    registers_hex: str,
+    bench: Bench,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    bench.bus.chips = {0x68: _Clock(bench.clock), 0x69: bench.chip}
+    clock = _Clock(bench.clock)
+    clock.registers_hex = registers_hex
+    bench.bus.chips = {0x68: clock, 0x69: bench.chip}
     code, found = check(capsys, f"imu.allow_unknown_chip={allow}")
     assert code == 69
-    assert "a clock chip (DS1307, DS3231) at address 0x68" in found["IMU"]
+    assert "a clock chip (DS1307, DS3231, PCF8523) at address 0x68" in found["IMU"]
     assert "something answers at 0x69: set imu.address = 0x69" in found["IMU"]
+
+
+class _Owned(FakeMpu6050):
+    """A chip that a kernel driver has."""
+
+    def read(self, register: int, length: int) -> bytes:
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+
+
+@pytest.mark.parametrize("has_neighbour", [True, False])
+def test_an_address_that_the_kernel_owns_names_the_other_one(
+    has_neighbour: bool, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.bus.chips = {0x68: _Owned(bench.clock)}
+    if has_neighbour:
+        bench.bus.chips[0x69] = bench.chip
+    code, found = check(capsys)
+    assert code == 69
+    assert "kernel driver" in found["IMU"]
+    assert ("set imu.address = 0x69" in found["IMU"]) is has_neighbour
+
+
+def test_a_log_of_the_future_is_told(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row = "2030-01-01T00:00:00.000Z,51.99000000,4.37000000,5.2,0.00,,3.90,gps"
+    Path("log.csv").write_text(f"{LOG_HEADER}\n{row}\n")
+    assert main(["check", *HERE, "--set", "log.min_free_mb=0"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (told,) = [line for line in lines if "ends at 2030-01-01T00:00:00" in line]
+    assert told.startswith("warning  log ")
+    assert "later than the receiver's time, 20" in told
+    assert "run puts it aside and begins a new one" in told
+
+
+def test_a_fix_that_cannot_be_read_is_no_matter_of_the_antenna(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = rmc(place="3403.130,N,-11814.617,W")
+    bench.lines = [bad, bad]
+    _, found = check(capsys)
+    assert "antenna" not in found["GPS"]
+    assert "RMC: longitude -11814.617 is not dddmm.mmmm, 2 times" in found["GPS"]
+    assert "set the receiver, or what relays it, to plain NMEA 0183" in found["GPS"]
+
+
+def test_damaged_lines_are_told_beside_a_good_fix(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.lines = [RMC, RMC[:20] + RMC[24:], checked(GGA)]
+    main(["check", *HERE, "--set", "log.min_free_mb=0"])
+    out = capsys.readouterr().out
+    assert "damaged lines (noise, a loose wire, or more sentences" in out
+    assert "a fix, at 20" in out
 
 
 def test_a_network_port_that_is_silent_gets_no_advice_for_wires(
@@ -270,7 +385,10 @@ def test_a_port_that_is_there_and_closed_says_why(
     bench.health = bench.health._replace(state=GpsState.CLOSED, detail="busy")
     Path("port").touch()
     found = check(capsys, "gps.port=port")[1]
-    assert "port: busy: does another program" in found["GPS port"]
+    assert (
+        "port: busy: another program has it; if that is gpsd, set gps.port"
+        in found["GPS port"]
+    )
     found = check(capsys, "gps.port=socket://nowhere:1")[1]
     assert "socket://nowhere:1: busy: is the other side there" in found["GPS port"]
     found = check(capsys, "gps.port=gpsd://nowhere:1")[1]

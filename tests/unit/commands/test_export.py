@@ -51,13 +51,23 @@ def test_rotated_logs_become_one_file(
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_a_bad_row_is_exit_65_and_leaves_what_was_there(
+def test_a_bad_row_is_left_out_and_told(
     kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("a.csv").write_text(rows(0, 1) + "nonsense\n" + rows(2))
+    assert export(kind, "a.csv", "--output", "out") == 0
+    told, written = capsys.readouterr().err.splitlines()
+    assert told.startswith("warning: 1 damaged row left out of 4; the first: a.csv:4: ")
+    assert written == "out: written, 3 rows"
+
+
+def test_a_log_of_bad_rows_alone_is_exit_65_and_leaves_what_was_there(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("a.csv").write_text(f"{HEADER}\nnonsense\n")
     Path("out").write_text("of yesterday")
-    assert export(kind, "a.csv", "--output", "out") == 65
-    assert capsys.readouterr().err.startswith("a.csv:4: expected a row of time_utc")
+    assert export("gpx", "a.csv", "--output", "out") == 65
+    assert "a.csv:2: expected a row of time_utc" in capsys.readouterr().err
     assert Path("out").read_text() == "of yesterday"
     assert files() == ["a.csv", "out"]
 

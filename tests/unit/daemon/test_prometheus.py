@@ -55,6 +55,7 @@ def test_the_metrics_say_what_the_status_says() -> None:
             ("starting",): 0,
             ("waiting for the first fix",): 0,
             ("tracking",): 1,
+            ("not logging",): 0,
         },
         "mode": {("gps",): 0, ("dr",): 1, ("still",): 0, ("gpsonly",): 0},
         "log_failing": {(): 1},

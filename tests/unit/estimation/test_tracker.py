@@ -386,7 +386,9 @@ def test_a_leap_second_costs_three_fixes_and_no_truth(
     assert world.outcomes[-33:].count(FixOutcome.UNDATED) == 2
     assert set(world.outcomes[-30:]) == {FixOutcome.ACCEPTED}
     (told,) = (n for n in world.tracker.take_notices() if "jumped" in n)
-    assert told == f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows"
+    assert told == (
+        f"the receiver's time jumped by {leap_s:+.1f} s; the rows' follows slowly"
+    )
     # By the new time rows are up to a second off until they have followed; r95 says so.
     rows = world.rows[n_rows:]
     assert max(map(world.miss_m, rows)) > 15.0

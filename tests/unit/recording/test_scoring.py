@@ -156,6 +156,20 @@ def test_the_table_for_people_says_it_all() -> None:
     assert "answered: 100.0%" in table
 
 
+def test_columns_of_the_table_never_run_together() -> None:
+    figures = score(logged(3.0), r95(4.0), TRUTH, [], NOON)
+    errors = dict.fromkeys(("rms", "p50", "p95", "max"), 123_456_789.012)
+    figures["with_gps"] |= errors | {"n": 12_345_678, "r95_median": 1e8}
+    row = list(describe(figures))[1].removeprefix("with GPS").split()
+    assert row == [
+        "12345678",
+        *["123456789.01", "m"] * 4,
+        "100.0%",
+        "100000000.00",
+        "m",
+    ]
+
+
 ROWS = (
     "time_utc,lat_deg,lon_deg,alt_m\n"
     "2026-11-22T12:00:00.000Z,52.0,4.37,5\n"

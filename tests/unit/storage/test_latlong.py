@@ -157,30 +157,64 @@ def test_a_torn_last_row_is_left_out_with_a_warning(
     assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        ROW[:40],
-        "",
-        ROW.replace("gps", "fast"),
-        ROW.replace("5.2", "nan"),
-        ROW.replace("51.99", "91.99"),
-        ROW.replace("4.37", "184.37"),
-        ROW.replace("-11-22", "-02-30"),
-        ROW + ",",
-        "\0" * 40,
-    ],
-)
-def test_any_other_bad_row_is_an_error_that_says_where(
+BAD_ROWS = [
+    ROW[:40],
+    "",
+    ROW.replace("gps", "fast"),
+    ROW.replace("5.2", "nan"),
+    ROW.replace("51.99", "91.99"),
+    ROW.replace("4.37", "184.37"),
+    ROW.replace("-11-22", "-02-30"),
+    ROW + ",",
+    "\0" * 40,
+]
+
+
+@pytest.mark.parametrize("bad", BAD_ROWS)
+def test_damaged_rows_are_left_out_counted_and_told_where(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
+) -> None:
+    path = tmp_path / "latlong.csv"
+    last = format_row(state(2))
+    path.write_text(f"{HEADER}\n{ROW}\n{bad}\n{bad}\n{last}\n")
+
+    assert (read_log(path).utc_s - START_UTC_S).tolist() == [1.25, 2.0]
+    (told,) = caplog.messages
+    assert told.startswith(f"2 damaged rows left out of 4; the first: {path}:3: ")
+
+
+@pytest.mark.parametrize("bad", BAD_ROWS)
+def test_a_log_of_damaged_rows_alone_is_an_error_that_says_where(
     tmp_path: Path, bad: str
 ) -> None:
     path = tmp_path / "latlong.csv"
-    path.write_text(f"{HEADER}\n{ROW}\n{bad}\n{ROW}\n")
+    path.write_text(f"{HEADER}\n{bad}\n")
 
-    with pytest.raises(LogError, match=r"latlong\.csv:3: expected .*, not b'") as error:
+    with pytest.raises(LogError, match=r"latlong\.csv:2: expected .*, not b'") as error:
         read_log(path)
 
     assert error.value.exit_code == 65
+
+
+def test_a_log_that_windows_saved_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "latlong.csv"
+    path.write_bytes(f"\ufeff{HEADER}\r\n{ROW}\r\n".encode())
+
+    assert len(read_log(path).utc_s) == 1
+
+
+def test_a_log_that_windows_saved_is_put_aside_and_its_last_time_known(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "latlong.csv"
+    path.write_bytes(f"\ufeff{HEADER}\r\n{ROW}\r\n".encode())
+    log = LatLongLog(path)
+    log.write(state(1.25))
+    log.write(state(1.5))
+    log.close()
+
+    assert log.counters == {"skipped_rows": 1, "rows": 1}
+    assert len(read_log(path).utc_s) == 1
 
 
 @pytest.mark.parametrize("content", ["", HEADER, ROW + "\n", "time,lat\n" + ROW + "\n"])
@@ -214,7 +248,58 @@ def test_times_strictly_grow_over_a_restart(
 
     assert (read_log(path).utc_s - START_UTC_S).tolist() == [0, 0.25, 0.5, 0.75]
     assert log.counters == {"skipped_rows": 2, "rows": 1}
-    assert caplog.text.count("rows are left out until") == 2  # once in each run
+    assert caplog.text.count("rows are left out: the log ends later") == 2
+
+
+def future_log(path: Path, seconds: float) -> LatLongLog:
+    """Return a log whose last row lies so far in the future."""
+    path.write_text(f"{HEADER}\n{format_row(state(seconds))}\n")
+    return LatLongLog(path)
+
+
+def test_a_log_of_the_future_is_put_aside_once_the_date_is_sure(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "latlong.csv"
+    log = future_log(path, 14 * 86_400.0)
+    log.write(state(0)._replace(is_date_sure=False))
+    assert "2026-12-06T12:00:00.000Z" in log.trouble
+    for second in (1, 2):
+        log.write(state(second))
+    assert log.trouble == ""
+    log.close()
+
+    assert (read_log(path).utc_s - START_UTC_S).tolist() == [1, 2]
+    assert log.counters == {"skipped_rows": 1, "rows": 2, "logs_put_aside": 1}
+    (aside,) = tmp_path.glob("latlong-20261206T120000Z.csv*")
+    assert (read_log(aside).utc_s - START_UTC_S).tolist() == [14 * 86_400.0]
+    assert "put aside, and begun anew" in caplog.text
+
+
+def test_rows_less_than_a_minute_back_wait_for_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "latlong.csv"
+    log = future_log(path, 60.0)
+    for second in (0, 60, 61):
+        log.write(state(second))
+    log.close()
+
+    assert (read_log(path).utc_s - START_UTC_S).tolist() == [60, 61]
+    assert log.counters == {"skipped_rows": 2, "rows": 1}
+
+
+def test_a_log_of_the_future_that_was_put_aside_before_a_crash_keeps_nothing_back(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "latlong.csv"
+    (tmp_path / "latlong-20261206T120000Z.csv").write_text(
+        f"{HEADER}\n{format_row(state(14 * 86_400.0))}\n"
+    )
+    log = LatLongLog(path)
+    log.write(state(0))
+    log.close()
+
+    assert log.counters["rows"] == 1
+    assert len(list(tmp_path.glob("latlong-*"))) == 1
 
 
 def test_times_grow_also_when_the_last_row_is_in_a_rotated_file(

@@ -195,6 +195,38 @@ def test_a_log_that_begins_earlier_after_the_clock_was_set_back_is_followed(
     tail.close()
 
 
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_position_of_a_wrong_future_hides_no_row_of_the_file_after_it(
+    path: Path, is_packed: bool
+) -> None:
+    # A receiver said 2027, the rows were sent, UTC was mended and the reader restarted:
+    # everything until 2027 counted as sent.
+    path.write_text(text(90_000, 90_001))
+    tail = LogTail(path)
+    assert given(tail) == [90_000, 90_001]
+    position = tail.position
+    tail.close()
+    put_aside(path, 90_000, is_packed=is_packed)
+    path.write_text(text(0, 1))
+    again = LogTail(path, position)
+    assert given(again) == [0, 1]
+    again.close()
+
+
+def test_a_tail_that_a_power_cut_took_brings_back_no_row(path: Path) -> None:
+    path.write_text(text(*range(0, 600, 60)))
+    tail = LogTail(path)
+    assert len(given(tail)) == 10
+    position = tail.position
+    tail.close()
+    with path.open("r+") as file:
+        file.truncate(len(text(*range(0, 300, 60))))
+    append(path, 601)
+    again = LogTail(path, position)
+    assert given(again) == [601]
+    again.close()
+
+
 def test_what_is_no_row_is_counted_and_passed_over(path: Path) -> None:
     path.write_text(text(0) + "nonsense\n" + "x" * 200_000 + "\n" + line(1))
     tail = LogTail(path)
@@ -227,4 +259,31 @@ def test_a_file_that_begins_in_the_second_of_the_position_hides_no_row(
     tail = LogTail(path, after_first)
     found = [row.utc_s - NOON.timestamp() for row in tail.rows()]
     assert found == [1.25, 1.5, 1.75, 5.0]
+    tail.close()
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_log_of_the_future_that_was_put_aside_meanwhile_hides_no_row(
+    path: Path, is_packed: bool
+) -> None:
+    path.write_text(text(5000, 5001))
+    tail = LogTail(path)
+    assert given(tail) == [5000, 5001]
+    tail.close()
+    append(path, 5002)
+    put_aside(path, 5000, is_packed=is_packed)
+    path.write_text(text(10, 11))
+    later = LogTail(path, TailPosition(tail.position.utc_s))
+    assert given(later) == [5002, 10, 11]
+    later.close()
+
+
+def test_damaged_lines_are_told_once_and_counted(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path.write_bytes(f"\ufeff{HEADER}\r\n".encode() + b"\0\0\n\0\n" + line(1).encode())
+    tail = LogTail(path)
+    assert given(tail) == [1]
+    assert tail.counters["bad_lines"] == 2
+    assert len(caplog.messages) == 1
     tail.close()

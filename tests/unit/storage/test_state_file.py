@@ -8,7 +8,8 @@ import pytest
 
 from imu_tracker.errors import OutputError, StateError
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
-from imu_tracker.storage.state_file import Sensor, StateFile, read_state, write_state
+from imu_tracker.storage.state_file import StateFile, read_state, write_state
+from imu_tracker.storage.state_model import Sensor
 from imu_tracker.wheels.orders import KeptWheels
 
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")

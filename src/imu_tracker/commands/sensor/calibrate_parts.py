@@ -126,9 +126,12 @@ def measure_accel(
 
 
 def _tell_faces(fit: "FacesFit") -> None:
-    from imu_tracker.calibration.faces import FACES
+    from imu_tracker.calibration.faces import FACES, grade
 
-    write(f"{'':4} {'bias, mg':>9} {'scale, %':>9}   cross-axis to x, y, z, %\n")
+    grades = grade(fit)
+    write(
+        f"{'':4} {'bias, mg':>9} {'scale, %':>9}   cross-axis to x, y, z, %   grade\n"
+    )
     for axis in range(3):
         error = 100 * (fit.gain[axis] - [axis == 0, axis == 1, axis == 2])
         cross = " ".join(
@@ -136,7 +139,12 @@ def _tell_faces(fit: "FacesFit") -> None:
         )
         write(
             f"{'xyz'[axis]:4} {_MG * fit.bias_mps2[axis]:+9.1f} {error[axis]:+9.2f}   "
-            f"{cross}\n"
+            f"{cross}     {grades[axis]}\n"
+        )
+    if set(grades) != {"good"}:
+        write(
+            "Calibrated it serves, but such a chip drifts more with temperature: "
+            "calibrate it where it works, and again when the seasons change.\n"
         )
     write("residuals x, y, z in mg:\n")
     for face, residual in zip(FACES, fit.residuals_mps2, strict=True):

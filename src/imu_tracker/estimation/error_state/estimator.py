@@ -25,14 +25,7 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.states import (
-    ACCEL_BIAS,
-    DELAY,
-    GYRO_BIAS,
-    MOUNT_PITCH,
-    MOUNT_YAW,
-    YAW_D,
-)
+from imu_tracker.estimation.error_state.states import GYRO_BIAS
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
     PARKED_YAW_SIGMA_RAD,
@@ -48,6 +41,7 @@ from imu_tracker.estimation.error_state.warm_start import (
 from imu_tracker.estimation.estimate import Estimate
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.report import EstimatorReport, figures_of
 from imu_tracker.estimation.tuning import LATEST_FIX_S
 from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
@@ -86,8 +80,9 @@ class ErrorState:
         uses_wheels: bool = True,
         fix_period: FixPeriod | None = None,
     ) -> None:
-        self._wheel_aiding = WheelAiding(self._notify) if uses_wheels else None
         self._notices: list[str] = []
+        self._notify = self._notices.append
+        self._wheel_aiding = WheelAiding(self._notify) if uses_wheels else None
         self._temp_degc: float | None = None
         self._prior = prior
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
@@ -199,8 +194,6 @@ class ErrorState:
                 mount_along_course(eskf)
         self._notify(f"profile: {self._platform.profile}")
 
-    # -------------------------------------------------------------------- estimates
-
     @property
     def contradicts_receiver(self) -> bool:
         """Whether the IMU is being relearnt, and the receiver is followed alone."""
@@ -227,12 +220,10 @@ class ErrorState:
 
     # ------------------------------------------------------------------- for people
 
-    def _notify(self, notice: str) -> None:
-        self._notices.append(notice)
-
     def take_notices(self) -> list[str]:
         """Transitions since the last call, for the log."""
-        notices, self._notices = self._notices, []
+        notices = self._notices.copy()
+        self._notices.clear()
         return notices
 
     def learned_parameters(self) -> LearnedParameters | None:
@@ -285,43 +276,28 @@ class ErrorState:
         self._alignment.note_prior(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
-        eskf, fixes = self._eskf, self._fixes
-        receiver = fixes.receiver
-        roll, pitch, yaw = to_euler(eskf.q_vb)
-        bias, sigma = self.gyro_bias()
-        return {
+        fixes, shift_s = self._fixes, self._buffer.shift_ns * 1e-9
+        report: EstimatorReport = {
             "estimator": "error-state",
             "profile": self._platform.profile,
-            "mounting_deg": [math.degrees(a) for a in (roll, pitch, yaw)],
-            "mounting_sigma_deg": [
-                math.degrees(eskf.sigma(i)) for i in (MOUNT_PITCH, MOUNT_YAW)
-            ],
-            "gyro_bias_dps": [math.degrees(b) for b in bias],
-            "gyro_bias_sigma_dps": math.degrees(sigma),
-            "accel_bias_mps2": list(eskf.accel_bias_mps2),
-            "accel_bias_sigma_mps2": [
-                math.sqrt(max(v, 0.0)) for v in eskf.P.diagonal()[ACCEL_BIAS].tolist()
-            ],
-            "yaw_sigma_deg": math.degrees(eskf.sigma(YAW_D)),
-            "gyro_gain": list(eskf.gyro_gain),
-            "axle_m": eskf.axle_m,
-            "delay_s": eskf.delay_s + self._buffer.shift_ns * 1e-9,
-            "delay_sigma_s": eskf.sigma(DELAY),
-            "velocity_delay_s": eskf.velocity_delay_s + self._buffer.shift_ns * 1e-9,
-            "velocity_sigma_mps": math.sqrt(receiver.velocity_var),
-            "fix_noise_level": receiver.nis_level,
-            "fix_period_s": receiver.period_s,
-            "lag_s": self._buffer.lag_ns * 1e-9,
-            "nis_mean": fixes.nis_mean,
-            "fix_log_likelihood": fixes.log_likelihood_mean,
-            "noise_level": self._bank.level,
-            "wheels": None
-            if self._wheel_aiding is None
-            else self._wheel_aiding.report(),
-            "hypotheses": {
-                "imu": fixes.comparison.odds.imu_weight,
-                "receiver_alone": 1.0 - fixes.comparison.odds.imu_weight,
-            },
         }
+        report.update(figures_of(self._eskf, self.gyro_bias()[1]))
+        report["delay_s"] += shift_s
+        report["velocity_delay_s"] += shift_s
+        aiding = self._wheel_aiding
+        report.update(
+            {
+                "velocity_sigma_mps": math.sqrt(fixes.receiver.velocity_var),
+                "fix_noise_level": fixes.receiver.nis_level,
+                "fix_period_s": fixes.receiver.period_s,
+                "lag_s": self._buffer.lag_ns * 1e-9,
+                "nis_mean": fixes.nis_mean,
+                "fix_log_likelihood": fixes.log_likelihood_mean,
+                "noise_level": self._bank.level,
+                "wheels": None if aiding is None else aiding.report(),
+                "hypotheses": self._output.weights(),
+            }
+        )
+        return report

@@ -25,7 +25,6 @@ from imu_tracker.estimation.error_state.states import (
     ATTITUDE,
     AXLE,
     DELAY,
-    DELAYS,
     GYRO_BIAS,
     GYRO_GAIN,
     GYRO_NOISE_PSD,
@@ -170,14 +169,6 @@ class Eskf(Strapdown):
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
         self.P = T @ self.P @ T.T
-
-    def copy_state_from(self, other: "Eskf") -> None:
-        """Become another filter, but for the noise level and what it cannot know."""
-        delay_s, velocity_delay_s = self.delay_s, self.velocity_delay_s
-        kept, noise = self.P.diagonal(), self.noise
-        self.__dict__.update(other.clone(noise).__dict__)
-        self.set_variances(DELAYS, kept[DELAYS])
-        self.delay_s, self.velocity_delay_s = delay_s, velocity_delay_s
 
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
         """Keep the attitude, but doubt it and all that was learnt through it."""

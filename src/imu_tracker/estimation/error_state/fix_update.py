@@ -9,12 +9,21 @@ import numpy as np
 from imu_tracker.estimation.error_state.constraints.schedule import OUTAGE_AFTER_S
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.alignment import Alignment
-from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
+from imu_tracker.estimation.error_state.hypotheses.comparison import (
+    Comparison,
+    log_likelihood_of,
+)
 from imu_tracker.estimation.error_state.hypotheses.mixture import Verdict
 from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
-from imu_tracker.estimation.error_state.hypotheses.reorient import inflate_gyro_bias
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import FixNoise
+from imu_tracker.estimation.error_state.hypotheses.reorient import (
+    inflate_gyro_bias,
+    inflate_unexplained,
+    separate_delays,
+    set_delay_covariance,
+)
 from imu_tracker.estimation.error_state.platform import Platform
-from imu_tracker.estimation.error_state.propagation import ANY_SPEED_VAR, Propagation
+from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
     FixGeometry,
     ReceiverModel,
@@ -25,27 +34,23 @@ from imu_tracker.estimation.error_state.receiver_model import (
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     DELAYS,
-    P_E,
-    P_N,
-    POSITION,
-    RECEIVER,
-    V_E,
-    V_N,
     VELOCITY,
+    VELOCITY_DELAY,
     start_covariance,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
-from imu_tracker.estimation.tuning import (
-    ANY_HEIGHT_VAR,
-    INFLATION_S,
-    MAX_RECEIVER_SIGMAS,
-)
 from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
 """A filter that begins anew with a true attitude keeps its way for longer."""
+
+
+HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
+HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
+"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
+motion, until it has caught up."""
 
 
 class FixUpdate:
@@ -117,8 +122,9 @@ class FixUpdate:
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
         receiver, eskf = self.receiver, self._bank.main
-        speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
-        if self._gate.is_frozen(fix, math.hypot(*speed_n)):
+        if self._gate.is_frozen(
+            fix, math.hypot(*(fix.vel_ne_mps or eskf.nominal.v_n[:2]))
+        ):
             # By its own word it moves, or else by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
@@ -129,17 +135,25 @@ class FixUpdate:
         receiver.is_resting = self._propagation.rest is not None
         if self.alt_origin_m is None and fix.alt_m is not None:
             self.alt_origin_m = fix.alt_m + eskf.nominal.p_n[2]
-        for each in self._alignment.filters:
+        for each in self._bank.filters:
             each.set_receiver_var(receiver.lasting_var(fix))
-            self._inflate_unexplained(each, receiver.lasting_var(fix))
+            inflate_unexplained(each, receiver.lasting_var(fix), receiver.period_s)
         is_aligned = self._alignment.is_aligned
         geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=is_aligned)
         position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        has_say = is_aligned and not self._propagation.is_imu_silent
+        has_say = is_aligned and not (
+            self._propagation.is_imu_silent or receiver.is_catching_up
+        )
+        noise = receiver.noise(fix, position)
+        likelihoods = self._log_likelihoods(fix, ahead_s, noise) if has_say else []
         verdict = self.comparison.weigh(
-            *(eskf, receiver, fix, position, geometry, ahead_s), has_say=has_say
+            fix,
+            eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9),
+            noise,
+            self._bank.mixed(likelihoods) if has_say else None,
+            receiver.period_s,
         )
         if verdict is Verdict.IMU_LOST:
             if not self._recover_heading(fix):
@@ -157,70 +171,62 @@ class FixUpdate:
                 return FixOutcome.ACCEPTED  # by the receiver alone
             if self._gate.n_agreeing > 1:
                 # Two say the same: the truth may be there as well as here.
-                self.ambiguity_m = (
-                    math.hypot(*position.z) + R95_PER_SIGMA * fix.sigma_h_m
-                )
+                reach_m = R95_PER_SIGMA * fix.sigma_h_m
+                self.ambiguity_m = math.hypot(*position.z) + reach_m
             return FixOutcome.OUTLIER
         self.ambiguity_m = 0.0
         self._nis_sum, self._n_used = self._nis_sum + nis, self._n_used + 1
         self._log_likelihood_sum += log_likelihood(position.z, S)
         is_tracking = is_aligned and self._propagation.outage_s < OUTAGE_AFTER_S
+        is_tracking = is_tracking and not receiver.is_catching_up
         if is_tracking and self.comparison.odds.has_imu_lead:
             # Use the single-fix R: the correlation-inflated R
             # would make every receiver look consistent.
             S_alone = S - position.R * (1.0 - 1.0 / receiver.correlation_factor)
             nis_alone = float(position.z @ np.linalg.solve(S_alone, position.z))
             receiver.learn_position_noise(nis_alone)
-        main, challenger = (
-            self._correct(each, fix, ahead_s) for each in self._bank.filters
-        )
-        if self._alignment.course_free is not None:
-            self._correct(self._alignment.course_free, fix, ahead_s)
-        if is_aligned:
-            self._alignment.add_log_likelihoods(main, challenger, receiver.period_s)
+        corrected = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
+        if has_say:
+            if not self._bank.has_headings:
+                likelihoods = corrected
+            self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
         self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
 
     def _recover_heading(self, fix: GpsFix) -> bool:
-        """Whether it was only a heading that was wrong, by trial or by guess."""
-        alignment = self._alignment
-        is_guess = alignment.course_free is not None
-        if not alignment.adopt_other_heading():
-            if not is_guess:
-                return False
-            alignment.distrust_course()
+        """Whether it was only a heading that was wrong."""
+        if not self._alignment.adopt_other_heading():
+            return False
         self._begin_at(fix)
         self.comparison.odds.undo_loss()
         return True
 
     def _restart_imu(self, fix: GpsFix) -> None:
         """Learn the IMU anew, beside the receiver that it contradicts."""
-        self._alignment.reset_orientation("the IMU contradicts the receiver: GPS alone")
-        self._alignment.distrust_course()
+        self._alignment.reset_orientation(
+            "the IMU contradicts the receiver: GPS alone until it agrees; if that is "
+            "told again and again: is the box fixed? run imu-tracker selftest; is the "
+            "antenna more than 3 m from it? set gps.lever_arm_m"
+        )
         self._restarted_ns = None
-        fresh = start_covariance(is_vehicle=False).diagonal()
+        fresh = start_covariance(is_vehicle=False)
         for eskf in self._bank.filters:
             inflate_gyro_bias(eskf)
-            eskf.set_variances(DELAYS, fresh[DELAYS])
+            set_delay_covariance(eskf, fresh[DELAYS, DELAYS])
         self.receiver.reset_noise()
         self._begin_at(fix)
 
-    def _inflate_unexplained(self, eskf: Eskf, variance: float) -> None:
-        """Open up where the receiver's error would have to be larger than it can be.
-
-        A filter that is wrong and sure of itself explains the difference by the
-        receiver. The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty,
-        within some seconds.
-        """
-        error_m = math.hypot(*eskf.receiver_ne_m)
-        beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
-        if beyond_m > 0.0:
-            P = eskf.P.copy()
-            share = min(self.receiver.period_s / INFLATION_S, 1.0)
-            for p, v in ((P_N, V_N), (P_E, V_E)):
-                P[p, p] += share * beyond_m**2
-                P[v, v] += share * (beyond_m / INFLATION_S) ** 2
-            eskf.P = P
+    def _log_likelihoods(
+        self, fix: GpsFix, ahead_s: float, noise: FixNoise
+    ) -> list[float]:
+        """How well each heading predicted a fix, of a receiver that may be late."""
+        found, bank = [], self._bank
+        for eskf in bank.filters if bank.has_headings else (bank.main,):
+            geometry = geometry_of(eskf, self._lever_arm_m, has_yaw=True)
+            position = self._position(eskf, fix, geometry, ahead_s)
+            velocity = self.receiver.velocity(eskf, fix, geometry, ahead_s)
+            found.append(log_likelihood_of(eskf, position, velocity, noise.late_var))
+        return found
 
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
@@ -228,9 +234,26 @@ class FixUpdate:
         """Measurement of the position: the same for gate, comparison and update."""
         frame = self._propagation.frame
         position = self.receiver.position(eskf, fix, frame, geometry, ahead_s)
-        if not self._alignment.is_aligned or eskf is self._alignment.course_free:
-            position.H[:, DELAY] = 0.0  # velocity itself comes from the fixes
+        if not self._alignment.is_aligned:
+            position.H[:, DELAY] = 0.0  # the place itself is the receiver's
+        elif self.receiver.is_catching_up:
+            position.H[:, DELAY] = 0.0
+            position = position._replace(R=position.R + HELD_PLACE_VAR)
         return position
+
+    def _velocity(
+        self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
+    ) -> Measurement | None:
+        """Measurement of the velocity, as far as the receiver follows the body."""
+        velocity = self.receiver.velocity(eskf, fix, geometry, ahead_s)
+        if velocity is None or self._propagation.rest is not None:
+            return None
+        if not self._alignment.is_aligned:
+            velocity.H[:, VELOCITY_DELAY] = 0.0  # the velocity is the receiver's
+        elif self.receiver.is_catching_up:
+            velocity.H[:, VELOCITY_DELAY] = 0.0
+            velocity = velocity._replace(R=velocity.R + HELD_VELOCITY_VAR)
+        return velocity
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
         """Fold position, height and velocity into one filter; return how likely."""
@@ -241,11 +264,12 @@ class FixUpdate:
         likelihood = log_likelihood(position.z, eskf.innovation_covariance(position))
         eskf.update(position)
         eskf.update(receiver.altitude(eskf, fix, self.alt_origin_m))
-        velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        if velocity is not None and propagation.rest is None:
+        velocity = self._velocity(eskf, fix, geometry, ahead_s)
+        if velocity is not None:
             S = eskf.innovation_covariance(velocity)
             is_tracking = is_aligned and propagation.outage_s < OUTAGE_AFTER_S
             is_tracking = is_tracking and self.comparison.odds.has_imu_lead
+            is_tracking = is_tracking and not receiver.is_catching_up
             if eskf is self._bank.main and is_tracking:
                 receiver.learn_velocity_noise(velocity.z, S - velocity.R)
             likelihood += log_likelihood(velocity.z, S)
@@ -269,21 +293,15 @@ class FixUpdate:
 
     def _begin_at(self, fix: GpsFix) -> None:
         """Put all filters where the receiver is."""
-        down, levelled = self._bank.main.nominal.p_n[2], self._alignment.course_free
+        down = self._bank.main.nominal.p_n[2]
         self._propagation.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self.ambiguity_m = 0.0
         vn, ve = fix.vel_ne_mps or (0.0, 0.0)
-        speed_var = 1.0 if fix.vel_ne_mps else ANY_SPEED_VAR
         for eskf in self._bank.filters:
-            if levelled is not None:
-                eskf.copy_state_from(levelled)
-                eskf.inflate_orientation(math.pi, is_vehicle=self._platform.is_vehicle)
-                eskf.receiver_ne_m = (0.0, 0.0)
             eskf.nominal = eskf.nominal._replace(
                 p_n=(0.0, 0.0, down), v_n=(vn, ve, 0.0)
             )
-            eskf.set_variances(POSITION, [fix.sigma_h_m**2] * 2 + [ANY_HEIGHT_VAR])
-            eskf.set_variances(RECEIVER, [eskf.receiver_var] * 2)
-            eskf.set_variances(VELOCITY, [speed_var] * 2 + [1.0])
-        if levelled is not None:
-            self._alignment.is_aligned = False
+            if fix.vel_ne_mps is not None:
+                eskf.set_variances(VELOCITY, [1.0] * 3)
+            if self._alignment.is_aligned:
+                separate_delays(eskf)

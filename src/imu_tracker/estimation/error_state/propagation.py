@@ -108,8 +108,6 @@ class Propagation:
         use_force = alignment.can_use_force(rest)
         for eskf in self._bank.filters:
             eskf.propagate(step, use_force=use_force)
-        if alignment.course_free is not None:
-            alignment.course_free.propagate(step, use_force=rest is not None)
         self._stretch_s += step.dt_s
         self._silent_s = self._silent_s + step.dt_s if step.is_gap else 0.0
         if step.is_gap:
@@ -139,10 +137,6 @@ class Propagation:
         for eskf in self._bank.filters:
             eskf.predict(use_force=use_force, unknown_accel_psd=unknown)
         self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
-        if alignment.course_free is not None:
-            rests = rest is not None
-            unknown = 0.0 if rests else self._platform.unknown_accel_psd
-            alignment.course_free.predict(use_force=rests, unknown_accel_psd=unknown)
 
     def _inflate_over_imu_gap(self, dt_s: float) -> None:
         """Let the body have moved while the IMU said nothing.
@@ -172,7 +166,7 @@ class Propagation:
         more = np.zeros(N_ERRORS)
         more[ATTITUDE], more[VELOCITY] = angle_var, speed_var
         most = np.array([most_tilt_var, most_tilt_var, UNKNOWN_ANGLE_VAR])
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             before = eskf.P.diagonal()[ATTITUDE]
             P = eskf.P + np.diag(more)
             # An angle has an end; its correlations shrink with it.
@@ -187,13 +181,10 @@ class Propagation:
         north, east, _ = self._bank.main.nominal.p_n
         lat, lon = self.frame.to_lat_lon(north, east)
         self.frame = LocalFrame.at(lat, lon)
-        course_free = self._alignment.course_free
         self._alignment.shift_origin(north, east)
         for eskf in self._bank.filters:
             _shift(eskf, -north, -east)
             eskf.gravity_mps2 = gravity_mps2(lat)
-        if course_free is not None:
-            _shift(course_free, -north, -east)
 
 
 def _shift(eskf: Eskf, north_m: float, east_m: float) -> None:

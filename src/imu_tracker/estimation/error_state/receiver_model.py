@@ -29,6 +29,8 @@ from imu_tracker.estimation.tuning import (
     ALTITUDE_CORRELATION_S,
     ALTITUDE_FACTOR,
     BEST_LASTING_SIGMA_M,
+    CATCHING_UP_S,
+    HOLDING_S,
     LASTING_VAR_SHARE,
     MAX_NIS_LEVEL,
     MIN_NIS_LEVEL,
@@ -81,6 +83,9 @@ class ReceiverModel:
         self.nis_level = 1.0
         self.is_resting = False
         self.accel_mps2: float | None = None
+        self._held: tuple[float, float] | None = None  # place that is repeated
+        self._fix_ns = self._held_since_ns = 0
+        self._last_held_ns: int | None = None
         self._vel: tuple[int, float, float] | None = None
         self._last_accel_mps2 = 0.0
 
@@ -100,9 +105,25 @@ class ReceiverModel:
         """Velocities that count as one."""
         return max(1.0, VELOCITY_CORRELATION_S / self.period_s)
 
+    @property
+    def is_catching_up(self) -> bool:
+        """Whether it holds its place, or did some seconds ago, while the body moves."""
+        if self._last_held_ns is None or self.is_resting:
+            return False
+        return self._fix_ns - self._last_held_ns < CATCHING_UP_S * 1e9
+
+    def _add_place(self, fix: GpsFix) -> None:
+        place = (fix.lat_rad, fix.lon_rad)
+        if place != self._held:
+            self._held, self._held_since_ns = place, fix.t_ns
+        elif fix.t_ns - self._held_since_ns > HOLDING_S * 1e9:
+            self._last_held_ns = fix.t_ns
+        self._fix_ns = fix.t_ns
+
     def add_fix(self, fix: GpsFix) -> None:
-        """Learn how often fixes come, and how their velocity changes."""
+        """Learn how often fixes come, and how their place and velocity change."""
         self._period.add_fix(fix)
+        self._add_place(fix)
         if fix.vel_ne_mps is None:
             self.accel_mps2 = self._vel = None
             return

@@ -96,8 +96,6 @@ START_SIGMA: Final = (
     (ATTITUDE, LEVELLING_SIGMA_RAD),
     (GYRO_BIAS, GYRO_BIAS_SIGMA_RADPS),
     (ACCEL_BIAS, 0.4),  # PS-MPU-6000A section 6.2: 50, 50, 80 mg
-    (slice(DELAY, DELAY + 1), 0.4),  # receivers: 0.05 to 1.2 s
-    (slice(VELOCITY_DELAY, VELOCITY_DELAY + 1), 0.4),
     (GYRO_GAIN, 0.01),  # 6.1: 2 % across the axes; 3 % of scale, see below
     (slice(AXLE, AXLE + 1), 1.0),  # boot to dashboard
 )
@@ -105,6 +103,11 @@ START_SIGMA: Final = (
 SCALES: Final = range(GYRO_GAIN.start, GYRO_GAIN.stop, 4)
 SCALE_SIGMA: Final = 0.015
 """Of each axis of the gyro, PS-MPU-6000A section 6.1: 3 % tolerance."""
+
+DELAY_SIGMA_S: Final = 0.4
+DELAYS_APART_SIGMA_S: Final = 0.25
+"""Receivers report 0.05 to 1.2 s late; position and velocity come out of one filter, so
+that their delays differ by some tenths only."""
 
 MOUNT_SIGMA_RAD: Final = math.radians(8.0)
 """By hand and eye; larger angles are the coarse stage's."""
@@ -123,6 +126,8 @@ def start_covariance(*, is_vehicle: bool) -> Array:
         for i in range(where.start, where.stop):
             P[i, i] = sigma**2
     P[SCALES, SCALES] = SCALE_SIGMA**2
+    P[DELAYS, DELAYS] = DELAY_SIGMA_S**2
+    P[VELOCITY_DELAY, VELOCITY_DELAY] += DELAYS_APART_SIGMA_S**2
     if is_vehicle:
         P[MOUNT_PITCH, MOUNT_PITCH] = P[MOUNT_YAW, MOUNT_YAW] = MOUNT_SIGMA_RAD**2
     return P

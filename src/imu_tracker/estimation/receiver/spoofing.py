@@ -30,6 +30,23 @@ UNSURE_S: Final = 0.8
 them was late, or the receiver has inserted a leap second."""
 
 
+FROZEN_SPEED_MPS: Final = 1.0
+"""A receiver that stands still repeats its place too, but says so."""
+
+DRAWN: Final = (
+    "the receiver may be led astray (spoofed): its places move without its own "
+    "velocity; compare its place with what you see, and its antenna with open sky"
+)
+RESTED: Final = (
+    "the receiver may be led astray (spoofed), or the IMU lies loose: its places move, "
+    "the IMU feels nothing"
+)
+FROZEN: Final = (
+    "the receiver repeats one place while its speed runs on: it is frozen, and not "
+    "believed until the place changes; if that lasts, restart the receiver"
+)
+
+
 class SpoofingMonitor:
     """Watches fixes for a drift that nothing else confirms.
 
@@ -44,6 +61,7 @@ class SpoofingMonitor:
         self._unexplained_ne_m = (0.0, 0.0)
         self._last: GpsFix | None = None
         self._anchor: GpsFix | None = None  # where it was when rest began
+        self._is_frozen = False  # the place repeats since it moved by its velocity
         self._is_told = {"position": False, "rest": False}
         self._notices: list[str] = []
 
@@ -51,14 +69,12 @@ class SpoofingMonitor:
         """Take a fix; `is_standing` when the IMU shows that the body stands."""
         limit_m = max(DRAWN_M, DRAWN_SIGMAS * fix.sigma_h_m)
         drawn_m = self._drawn_by_position(fix)
-        self._judge(
-            "position", drawn_m, limit_m, "its places move without its own velocity"
-        )
+        self._judge("position", drawn_m, limit_m, FROZEN if self._is_frozen else DRAWN)
         if not is_standing:
             self._anchor = None
         rested_m = self._drawn_at_rest(fix) if is_standing else 0.0
-        self._judge("rest", rested_m, limit_m, "its places move, the IMU feels nothing")
-        if max(drawn_m, rested_m) > limit_m:
+        self._judge("rest", rested_m, limit_m, RESTED)
+        if max(drawn_m, rested_m) > limit_m and not self._is_frozen:
             self.counters["suspect_fixes"] += 1
 
     def take_notices(self) -> list[str]:
@@ -70,7 +86,7 @@ class SpoofingMonitor:
         """Tell a beginning once, and again only when it was over meanwhile."""
         if drawn_m > limit_m and not self._is_told[kind]:
             self._is_told[kind] = True
-            self._notices.append(f"the receiver may be led astray (spoofed): {why}")
+            self._notices.append(why)
         elif drawn_m < 0.5 * limit_m:
             self._is_told[kind] = False
 
@@ -88,6 +104,11 @@ class SpoofingMonitor:
         is_sure = abs(dt_s - arrived_s) < UNSURE_S
         if not (0.0 < dt_s <= LONGEST_STEP_S and is_sure):
             return math.hypot(*self._unexplained_ne_m)
+        speed_mps = math.hypot(*fix.vel_ne_mps)
+        is_same_place = (fix.lat_rad, fix.lon_rad) == (last.lat_rad, last.lon_rad)
+        self._is_frozen = is_same_place and (
+            self._is_frozen or speed_mps > FROZEN_SPEED_MPS
+        )
         here = LocalFrame.at(last.lat_rad, last.lon_rad)
         moved = here.to_ne(fix.lat_rad, fix.lon_rad)
         keep = math.exp(-dt_s / FORGET_S)

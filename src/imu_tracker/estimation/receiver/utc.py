@@ -39,11 +39,15 @@ SLEW: Final = 0.1
 """Rows move by this part of their period at most, until they agree."""
 
 HOLE_NS: Final = 5_000_000_000
-HOLE_EPOCHS: Final = 20
-"""A correction forward by more than this is taken at once and leaves a hole in the
-rows' times, which still grow; to slew it in would take minutes, or for ever. But only
-once so many epochs agree: a receiver whose time moves forth and back within seconds
-must not put the log an hour ahead."""
+BACK_NS: Final = 60_000_000_000
+"""A correction forward by more than 5 s is taken at once and leaves a hole in the rows'
+times; one backward by more than a minute makes them go back, and a new log begin. To
+slew these in would take minutes, or for ever."""
+
+SURE_EPOCHS: Final = 20
+MAX_SURE_EPOCHS: Final = 1280
+"""A step is only taken when so many epochs agree, and each step doubles the number for
+the next one: a date that moves back and forth is doubted, not followed."""
 
 LEAPS_NS: Final = 20_000_000_000
 """Between GPS time and UTC lie 18 s. Rows that are dated wrong by more than that are
@@ -65,7 +69,7 @@ class UtcClock:
     jumps : int
         How often the receiver changed its mind.
     holes : int
-        How often the rows' times went forward at once.
+        How often the rows' times went forward or back at once.
     is_uncertain : bool
         Whether it may just have done so: what the last epoch describes, nobody knows.
     """
@@ -79,9 +83,24 @@ class UtcClock:
         self._first_ns: int | None = None
         self._told_ns: int | None = None  # the relation by the last epoch alone
         self._n_agreeing = 0  # epochs since the relation last changed
+        self._n_sure = SURE_EPOCHS  # to be enough for a step
         self.jumps = 0
         self.holes = 0
         self.is_uncertain = False
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether enough epochs agree on the relation, and so on the date."""
+        return self._n_agreeing >= SURE_EPOCHS
+
+    def follows(self, jump_s: float) -> str:
+        """Say when the rows follow a receiver that jumped."""
+        if -BACK_NS <= jump_s * 1e9 <= HOLE_NS:
+            return "the rows' follows slowly"
+        n = self._n_sure
+        is_fickle = n > SURE_EPOCHS
+        why = "it moves back and forth, " if is_fickle else ""
+        return f"{why}the rows' follows once {n} fixes agree"
 
     @property
     def settled_ns(self) -> int | None:
@@ -158,18 +177,21 @@ class UtcClock:
         Returns
         -------
         int
-            By how much (ns) it went forward at once: a hole in the rows; mostly 0.
+            By how much (ns) it went forward, or back, at once; mostly 0.
         """
         assert self._shown_ns is not None
         assert self._offset_ns is not None
         behind_ns = self._offset_ns - self._shown_ns
-        if behind_ns > HOLE_NS and self._n_agreeing >= HOLE_EPOCHS:
-            self._shown_ns = self._offset_ns
-            self.holes += 1
-            return behind_ns
-        most = int(period_ns * SLEW)
-        self._shown_ns += min(max(self._offset_ns - self._shown_ns, -most), most)
-        return 0
+        if -BACK_NS <= behind_ns <= HOLE_NS:
+            most = int(period_ns * SLEW)
+            self._shown_ns += min(max(behind_ns, -most), most)
+            return 0
+        if self._n_agreeing < self._n_sure:
+            return 0
+        self._shown_ns = self._offset_ns
+        self.holes += 1
+        self._n_sure = min(2 * self._n_sure, MAX_SURE_EPOCHS)
+        return behind_ns
 
     def _add_offset(self, offset: int) -> None:
         self._offsets.append(offset)

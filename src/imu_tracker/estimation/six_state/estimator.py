@@ -14,6 +14,7 @@ from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.estimation.receiver.innovations import InnovationMonitor
+from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.six_state.position_filter import (
     DOWN,
     POSITION_NE,
@@ -106,7 +107,7 @@ class SixState(Propagation):
         """Gyro bias in rad/s, body axes, and its standard deviation per axis."""
         return self._attitude.gyro_bias_radps, self._attitude.gyro_bias_sigma_radps
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> EstimatorReport:
         """What was learnt, for people."""
         bias, sigma = self.gyro_bias()
         return {

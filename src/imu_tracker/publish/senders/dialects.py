@@ -8,7 +8,8 @@ from imu_tracker.publish.senders import home_assistant, payloads
 from imu_tracker.publish.senders.sender import Item
 from imu_tracker.storage.latlong import LogRow
 
-HEALTH_S: Final = 60.0
+HEALTH_S: Final = 300.0
+HEALTH_AT_HOME_S: Final = 60.0
 
 ONLINE: Final = b"online"
 OFFLINE: Final = b"offline"
@@ -100,6 +101,7 @@ class Json(_Available):
 class HomeAssistant(_Available):
     """Entities that appear by themselves; the newest row alone."""
 
+    health_s = HEALTH_AT_HOME_S
     asks = home_assistant.STATUS_TOPIC
 
     def message(self, item: Item) -> Message:

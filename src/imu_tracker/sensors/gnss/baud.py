@@ -10,7 +10,8 @@ from typing import Final
 
 from imu_tracker.sensors.clock import MILLISECOND_NS, SECOND_NS
 
-BAUDS: Final = (9600, 38400, 115200, 4800, 57600, 19200, 230400)  # by how common
+BAUDS: Final = (9600, 38400, 115200, 4800, 57600, 19200, 230400, 460800, 921600)
+"""By how common; the last ones are of receivers for RTK (ArduPilot, request 12670)."""
 
 DWELL_NS: Final = 2200 * MILLISECOND_NS  # two bursts of a receiver at 1 Hz
 ENOUGH_SENTENCES: Final = 2  # one in 256 is right by chance

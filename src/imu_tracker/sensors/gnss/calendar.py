@@ -9,6 +9,8 @@ from datetime import date
 from math import ceil
 from typing import Final
 
+from imu_tracker import RELEASE_DATE
+
 DAY_S: Final = 86_400.0
 ROLLOVER_WEEKS: Final = 1024
 ROLLOVER_S: Final = ROLLOVER_WEEKS * 7 * DAY_S
@@ -23,6 +25,20 @@ LATE_DATE_S: Final = 2.0 * 365.25 * DAY_S
 LIFE_S: Final = 10.0 * 365.25 * DAY_S
 """A release is in use for so long: of the 19.6 years that a rollover leaves open, a
 date of manufacture falls into the others."""
+
+
+def release_utc_s() -> float:
+    """Return when this program was released."""
+    return _midnight_s(RELEASE_DATE)
+
+
+def rollovers_before(sent_utc_s: float, earliest_utc_s: float) -> int:
+    """Return how many rollovers a date lacks that lies far before the release.
+
+    A date a little before it is a clock that runs late, or a receiver that is right;
+    what lies further back has lost whole rollovers.
+    """
+    return max(0, ceil((earliest_utc_s - LATE_DATE_S - sent_utc_s) / ROLLOVER_S))
 
 
 class Calendar:
@@ -111,10 +127,7 @@ class Calendar:
         if self._reference_utc_s is not None:
             return round((self._reference_utc_s - sent_utc_s) / ROLLOVER_S)
         if self._earliest_utc_s is not None:
-            # A date a little before the release is a clock that runs late; what lies
-            # further back has lost whole rollovers.
-            earliest_true_s = self._earliest_utc_s - LATE_DATE_S
-            return max(0, ceil((earliest_true_s - sent_utc_s) / ROLLOVER_S))
+            return rollovers_before(sent_utc_s, self._earliest_utc_s)
         return 0
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from imu_tracker.samples import GpsFix
 from imu_tracker.sensors.gnss.sentences import Report
+from imu_tracker.sensors.gnss.verdicts import weigh
 
 EPOCH_NS: Final = 300_000_000
 """An epoch that nothing else closes is open for so long after its first sentence."""
@@ -35,8 +36,8 @@ UNKNOWN_HDOP: Final = 2.5  # poor, so that a silent receiver is not believed too
 
 # Receivers repeat one place in all kinds of sentence. Gateways that mix sources do
 # not, and GLL is then nearest to its time. Only GGA tells the kinds of RTK apart.
-_PLACE_FROM: Final = ("GLL", "GGA", "RMC", "GNS", "VTG", "GST", "GBS")
-_REST_FROM: Final = ("GGA", "GNS", "RMC", "GLL", "VTG", "GST", "GBS")
+_PLACE_FROM: Final = ("GLL", "GGA", "RMC", "GNS", "VTG", "GST", "GBS", "GSA")
+_REST_FROM: Final = ("GGA", "GNS", "RMC", "GLL", "VTG", "GST", "GBS", "GSA")
 
 
 class Epoch:
@@ -74,7 +75,7 @@ class Epoch:
         for report in self.reports:
             if report.has_fix is not None:
                 kinds[report.kind] = kinds.get(report.kind, False) or report.has_fix
-        return set(kinds.values())
+        return weigh(kinds)
 
     def fix(self) -> GpsFix | None:
         """Join what the sentences say, but the date; None without a position."""

@@ -1,37 +1,54 @@
 """Lines of a receiver to fixes: one `GpsFix` for each instant that it describes.
 
-Pure: time arrives with the lines. `nmea_lines` cuts the bytes, `nmea_sentences`
-reads one sentence, `nmea_epochs` joins those of one instant, `nmea_dates` knows the
-day; here is the order of events. What a newcomer gets wrong: an epoch that waits for
-the next one makes every fix a second late.
+Pure: time arrives with the lines. `lines` cuts the bytes, `sentences` reads one
+sentence, `epoch` joins those of one instant, `calendar` knows the day; here is the
+order of events. What a newcomer gets wrong: an epoch that waits for the next one makes
+every fix a second late.
 """
 
 from collections import Counter, deque
 from typing import Final, TypeAlias
 
-from imu_tracker.errors import NmeaError, shown
+from imu_tracker.errors import NmeaError
 from imu_tracker.samples import GpsFix, UtcTime
-from imu_tracker.sensors.gnss.calendar import ROLLOVER_WEEKS, Calendar
+from imu_tracker.sensors.gnss.calendar import DAY_S, ROLLOVER_WEEKS, Calendar
 from imu_tracker.sensors.gnss.epoch import EPOCH_NS, Epoch
 from imu_tracker.sensors.gnss.lines import LineSplitter
-from imu_tracker.sensors.gnss.sentences import Report, read_sentence
+from imu_tracker.sensors.gnss.sentences import (
+    TOLD_AFTER,
+    Report,
+    Unread,
+    read_sentence,
+    why_unread,
+)
 
 __all__ = ["EpochReader", "LineSplitter"]
 
 REMEMBERED_EPOCHS: Final = 4  # two sources on one wire lag each other by a second
 MAX_REPORTS: Final = 100  # of one epoch; a wire at 460800 baud could carry 200
-TOLD_AFTER: Final = 10  # a receiver may send its date every few seconds only
 _PLACES: Final = frozenset({"RMC", "GGA", "GNS", "GLL"})
+MAX_HEADS: Final = 40  # talkers times kinds
+FOREIGN_S: Final = 60.0
+"""A time without a date that is farther than this from what RMC or ZDA say is of
+another zone or source (GLL in local time: signalk-to-nmea0183, issue 96)."""
+
 _NOTICES: Final = {
     "fixes_without_date": "the receiver sends no date: set gps.date",
     "contradictory_epochs": "the receiver's sentences disagree about having a fix",
+    "cut_times": (
+        "the receiver's times are whole seconds though it sends more fixes: only the "
+        "first of each second is used; let it send tenths, or one fix a second"
+    ),
 }
-_UNREAD: Final = {
-    "bad_positions": "a fix, but its position cannot be read",
-    "sentences_without_time": "a fix, but its time is not hhmmss.ss",
-    "undecided_epochs": "a position, but no sentence says whether it is a fix",
+_DAMAGED: Final = {
+    "bad_checksums": (
+        "damaged lines (noise, a loose wire, or more sentences than gps.baud carries)"
+    ),
+    "missing_checksums": "lines without a checksum (cut off, or switched off)",
+    "overlong_lines": "lines that are too long",
+    "unparsable_lines": "lines that are no sentence",
 }
-"""What keeps a sentence with a fix from being used, by counter."""
+"""Lines of which nothing is believed, by counter."""
 
 Positions: TypeAlias = list[GpsFix | UtcTime]
 
@@ -46,20 +63,20 @@ class EpochReader:
     ----------
     reference_utc_s, earliest_utc_s : float, optional
     date : str
-        What helps to find the day: see `nmea_dates.Calendar`.
+        What helps to find the day: see `calendar.Calendar`.
 
     Attributes
     ----------
     counters : Counter[str]
         `sentences` that are intact, `fixes`, and kinds of trouble: `bad_checksums`,
         `missing_checksums`, `overlong_lines`, `unparsable_lines`, `bad_positions`
-        (a fix without a place on earth), `sentences_without_time`,
+        (a fix without a place on earth), `sentences_without_time`, `foreign_times`,
+        `cut_times` (whole seconds, and more than one fix in each),
         `late_velocities` (after their epoch: the baud rate is low for so many
         sentences), `epochs_without_fix`, `contradictory_epochs`, `undecided_epochs`
         (among those without fix), `repeated_epochs`, `fixes_without_date`.
-    unread : dict[str, str]
-        By counter, why sentences of a fix could not be used: the reason, and the first
-        such line.
+    unread, damaged : Unread
+        Why sentences of a fix, and why lines, could not be used.
     """
 
     def __init__(
@@ -70,7 +87,7 @@ class EpochReader:
         earliest_utc_s: float | None = None,
     ) -> None:
         self.counters: Counter[str] = Counter()
-        self.unread: dict[str, str] = {}
+        self.unread, self.damaged = Unread(), Unread()
         self._calendar = Calendar(
             reference_utc_s=reference_utc_s, day=date, earliest_utc_s=earliest_utc_s
         )
@@ -80,6 +97,8 @@ class EpochReader:
         self._given: deque[float] = deque(maxlen=REMEMBERED_EPOCHS)
         self._has_fix = False  # the last closed epoch's
         self._undecided_line = b""  # the last one with a position and no verdict
+        self._said: tuple[int, float] | None = None  # by RMC or ZDA: t_ns, utc_s
+        self._places: dict[bytes, Report] = {}  # the last of each head, like $GPRMC
         self._notices: dict[str, bool] = {}  # all that was said, and whether taken
 
     def feed(self, t_ns: int, line: bytes) -> Positions:
@@ -89,17 +108,58 @@ class EpochReader:
             report = read_sentence(line)
         except NmeaError as error:
             self.counters[error.trouble] += 1
+            self.damaged.add("", _DAMAGED[error.trouble], line)
             return positions
         self.counters["sentences"] += 1
-        if report is not None:
-            if report.has_fix and report.lat_lon_rad is None:
-                self._count_unread("bad_positions", line)
-            if report.has_fix and report.tod_s is None:
-                self._note_unread("sentences_without_time", line)
-            if report.has_fix is None and report.lat_lon_rad is not None:
-                self._undecided_line = line
+        if report is not None and self._is_sound(t_ns, report, line):
             positions += self._take(t_ns, report)
         return positions
+
+    def _is_sound(self, t_ns: int, report: Report, line: bytes) -> bool:
+        """Count what is wrong with a sentence; return whether it is used at all."""
+        if report.kind not in _PLACES:
+            return True
+        if report.has_fix and report.lat_lon_rad is None:
+            self.counters["bad_positions"] += 1
+            self.unread.add(*why_unread(line), line)
+        elif report.has_fix and report.tod_s is None:
+            self.unread.add(*why_unread(line), line)
+        elif report.has_fix is None and report.lat_lon_rad is not None:
+            self._undecided_line = line
+        if report.tod_s is None:
+            return True
+        off_s = self._off_s(t_ns, report)
+        if abs(off_s) > FOREIGN_S:
+            self.counters["foreign_times"] += 1
+            what = f"is {off_s:+.0f} s off that of RMC or ZDA: local time?"
+            self.unread.add(f"{report.kind}: time", what, line)
+            return False
+        self._note_cut_times(report, line[line.rfind(b"$") :][:6])
+        return True
+
+    def _off_s(self, t_ns: int, report: Report) -> float:
+        """Return how far a time without a date is from what the dated ones say."""
+        if report.sent_utc_s is not None or self._said is None:
+            return 0.0
+        said_ns, utc_s = self._said
+        assert report.tod_s is not None
+        expected_s = utc_s + (t_ns - said_ns) * 1e-9
+        return (report.tod_s - expected_s + DAY_S / 2) % DAY_S - DAY_S / 2
+
+    def _note_cut_times(self, report: Report, head: bytes) -> None:
+        """Count another place at the same whole second, by the same kind."""
+        last = self._places.get(head)
+        if (
+            last is not None
+            and last.tod_s == report.tod_s
+            and last.tod_s is not None
+            and last.tod_s % 1.0 == 0.0
+            and report.lat_lon_rad not in (None, last.lat_lon_rad)
+        ):
+            self._count("cut_times")
+        if len(self._places) >= MAX_HEADS:
+            self._places.clear()
+        self._places[head] = report
 
     def advance(self, t_ns: int) -> Positions:
         """Note that stream time moved on; return what is complete by that."""
@@ -119,7 +179,7 @@ class EpochReader:
         """Return what a person should know; each is said once."""
         untold = [text for text, is_told in self._notices.items() if not is_told]
         self._notices.update(dict.fromkeys(untold, True))
-        return untold
+        return untold + self.unread.take_notices() + self.damaged.take_notices()
 
     def _take(self, t_ns: int, report: Report) -> Positions:
         self._learn_date(t_ns, report)
@@ -127,6 +187,10 @@ class EpochReader:
             self.counters["sentences_without_time"] += 1
             return []
         epoch = self._epoch
+        if report.kind == "GSA":  # one for each constellation; it opens and closes none
+            if epoch is not None and epoch.is_open:
+                epoch.reports += [report][: MAX_REPORTS - len(epoch.reports)]
+            return []
         if epoch is not None and epoch.owns(t_ns, report):
             return self._join(t_ns, epoch, report)
         if report.kind == "ZDA":
@@ -168,7 +232,7 @@ class EpochReader:
         if not epoch.is_open:
             return []
         epoch.is_open = False
-        self._closer = epoch.reports[-1].kind
+        self._closer = [r.kind for r in epoch.reports if r.kind != "GSA"][-1]
         verdicts = epoch.verdicts()
         fix = epoch.fix() if verdicts == {True} else None
         self._has_fix = fix is not None
@@ -176,7 +240,8 @@ class EpochReader:
             kind = "contradictory_epochs" if len(verdicts) > 1 else "epochs_without_fix"
             self._count(kind)
             if not verdicts and epoch.fix() is not None:
-                self._count_unread("undecided_epochs", self._undecided_line)
+                self.counters["undecided_epochs"] += 1
+                self.unread.add(*why_unread(self._undecided_line), self._undecided_line)
             return self._utc_time(epoch.t_ns, epoch.tod_s)
         if epoch.tod_s in self._given:
             self.counters["repeated_epochs"] += 1
@@ -197,18 +262,6 @@ class EpochReader:
         if self.counters[kind] == TOLD_AFTER and kind in _NOTICES:
             self._notices[_NOTICES[kind]] = False
 
-    def _count_unread(self, kind: str, line: bytes) -> None:
-        self.counters[kind] += 1
-        self._note_unread(kind, line)
-
-    def _note_unread(self, kind: str, line: bytes) -> None:
-        """Keep the first line of a kind, and tell of it when the kind persists."""
-        text = self.unread.setdefault(
-            kind, f"{_UNREAD[kind]}: {shown(line.decode('ascii', 'replace'))}"
-        )
-        if self.counters[kind] == TOLD_AFTER:
-            self._notices.setdefault(f"the receiver sends {text}", False)
-
     def _utc_time(self, t_ns: int, tod_s: float | None) -> Positions:
         if tod_s is None or not self._calendar.is_known:
             return []
@@ -218,6 +271,7 @@ class EpochReader:
     def _learn_date(self, t_ns: int, report: Report) -> None:
         if report.sent_utc_s is None:
             return
+        self._said = t_ns, report.sent_utc_s
         self._calendar.learn(t_ns, report.sent_utc_s, is_sure=report.has_fix is True)
         if weeks := self._calendar.rollovers * ROLLOVER_WEEKS:
             self._notices.setdefault(

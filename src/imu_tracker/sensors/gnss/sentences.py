@@ -6,19 +6,30 @@ and call a good u-blox fix invalid. What a newcomer gets wrong: a receiver repea
 its last position while it has no fix, so the status counts, not the coordinates.
 """
 
+from collections import Counter
 from collections.abc import Callable
-from datetime import date
-from functools import lru_cache
-from math import cos, hypot, radians, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple, TypeAlias
 
 import pynmea2
 
-from imu_tracker.errors import NmeaError
-from imu_tracker.samples import FIRST_YEAR, LAST_YEAR
+from imu_tracker.errors import NmeaError, shown
+from imu_tracker.sensors.gnss.fields import (
+    century,
+    degrees_of,
+    dilution,
+    height_m_of,
+    number_of,
+    per_axis,
+    position,
+    positive,
+    time_of_day,
+    utc_s_of,
+    velocity,
+)
 from imu_tracker.sensors.gnss.lines import checked_text
 from imu_tracker.sensors.gnss.verdicts import (
+    HAS_FIX_BY_STATUS,
     NOT_MEASURED,
     NOT_MEASURED_QUALITY,
     QUALITY_OF_MODE,
@@ -26,13 +37,8 @@ from imu_tracker.sensors.gnss.verdicts import (
     quality_by_status,
 )
 
-MPS_PER_KNOT: Final = 1852 / 3600
-MAX_SPEED_MPS: Final = 600.0  # export rules switch civil receivers off at 515 m/s
-STANDING_MPS: Final = 0.5  # slower than this, a blank course means rest
-MIN_SIGMA_M: Final = 0.01  # the step in which receivers print GST
-MAX_SIGMA_M: Final = 1e5  # of a fix that knows no more than its continent
-MAX_HDOP: Final = 1000.0  # 99.99 and 9999 are how receivers say "no geometry"
-HEIGHTS_M: Final = (-12_000.0, 100_000.0)  # the deepest trench; above it is space
+TOLD_AFTER: Final = 10  # a receiver may send its date every few seconds only
+MAX_REASONS: Final = 40  # kinds times fields that can be wrong; a bound for noise
 
 
 class Report(NamedTuple):
@@ -101,14 +107,14 @@ def _reads(
 )
 def _read_rmc(tod: str, status: str, *rest: str) -> Report:
     *place, mode, knots, course, day = rest
-    tod_s = _time_of_day(tod)
+    tod_s = time_of_day(tod)
     return Report(
         "RMC",
         tod_s=tod_s,
-        sent_utc_s=_utc_s(tod_s, _century(day[4:6]), day[2:4], day[:2]),
+        sent_utc_s=utc_s_of(tod_s, century(day[4:6]), day[2:4], day[:2]),
         has_fix=has_fix_by_status(status, mode),
-        lat_lon_rad=_position(*place),
-        vel_ne_mps=_velocity(knots, course),
+        lat_lon_rad=position(*place),
+        vel_ne_mps=velocity(knots, course),
         quality=quality_by_status(status, mode),
     )
 
@@ -120,16 +126,16 @@ def _read_rmc(tod: str, status: str, *rest: str) -> Report:
 def _read_gga(tod: str, quality: str, satellites: str, *rest: str) -> Report:
     *place, altitude, hdop = rest
     has_fix = quality not in NOT_MEASURED_QUALITY if quality.isdigit() else None
-    if has_fix and _number(satellites) == 0:
+    if has_fix and number_of(satellites) == 0:
         has_fix = None  # a fix by no satellite at all needs another witness
     return Report(
         "GGA",
-        tod_s=_time_of_day(tod),
+        tod_s=time_of_day(tod),
         has_fix=has_fix,
-        lat_lon_rad=_position(*place),
-        alt_m=_height(altitude),
+        lat_lon_rad=position(*place),
+        alt_m=height_m_of(altitude),
         quality=int(quality) if quality.isdigit() else None,
-        hdop=_dilution(hdop),
+        hdop=dilution(hdop),
     )
 
 
@@ -141,12 +147,12 @@ def _read_gns(tod: str, modes: str, *rest: str) -> Report:
     *place, altitude, hdop = rest
     return Report(
         "GNS",
-        tod_s=_time_of_day(tod),
+        tod_s=time_of_day(tod),
         has_fix=not NOT_MEASURED.issuperset(modes) if modes else None,
-        lat_lon_rad=_position(*place),
-        alt_m=_height(altitude),
+        lat_lon_rad=position(*place),
+        alt_m=height_m_of(altitude),
         quality=next((q for mode, q in QUALITY_OF_MODE.items() if mode in modes), None),
-        hdop=_dilution(hdop),
+        hdop=dilution(hdop),
     )
 
 
@@ -155,9 +161,9 @@ def _read_gll(tod: str, status: str, *rest: str) -> Report:
     *place, mode = rest
     return Report(
         "GLL",
-        tod_s=_time_of_day(tod),
+        tod_s=time_of_day(tod),
         has_fix=has_fix_by_status(status, mode),  # NMEA 1.5 had no status
-        lat_lon_rad=_position(*place),
+        lat_lon_rad=position(*place),
         quality=quality_by_status(status, mode),
     )
 
@@ -166,7 +172,7 @@ def _read_gll(tod: str, status: str, *rest: str) -> Report:
 def _read_vtg(course: str, knots: str, unit: str, mode: str) -> Report:
     if unit != "N" or mode in NOT_MEASURED:  # the oldest layout has no units
         return Report("VTG")
-    return Report("VTG", vel_ne_mps=_velocity(knots, course))
+    return Report("VTG", vel_ne_mps=velocity(knots, course))
 
 
 @_reads(
@@ -174,127 +180,103 @@ def _read_vtg(course: str, knots: str, unit: str, mode: str) -> Report:
     "timestamp std_dev_latitude std_dev_longitude std_dev_major std_dev_minor",
 )
 def _read_gst(tod: str, *sigmas: str) -> Report:
-    north, east, major, minor = map(_positive, sigmas)
-    sigma_m = _per_axis(north, east) or _per_axis(major, minor)
-    return Report("GST", tod_s=_time_of_day(tod), sigma_m=sigma_m)
+    north, east, major, minor = map(positive, sigmas)
+    sigma_m = per_axis(north, east) or per_axis(major, minor)
+    return Report("GST", tod_s=time_of_day(tod), sigma_m=sigma_m)
 
 
 @_reads(pynmea2.GBS, "timestamp lat_err lon_err")
 def _read_gbs(tod: str, *sigmas: str) -> Report:
     """Read 1 sigma; gpsd, for binary receivers, puts 95 % there: never too sure."""
-    sigma_m = _per_axis(*map(_positive, sigmas))
-    return Report("GBS", tod_s=_time_of_day(tod), sigma_m=sigma_m)
+    sigma_m = per_axis(*map(positive, sigmas))
+    return Report("GBS", tod_s=time_of_day(tod), sigma_m=sigma_m)
+
+
+@_reads(pynmea2.GSA, "mode_fix_type hdop")
+def _read_gsa(fix_type: str, hdop: str) -> Report:
+    has_fix = {"1": False, "2": True, "3": True}.get(fix_type)
+    return Report("GSA", has_fix=has_fix, hdop=dilution(hdop))
 
 
 @_reads(pynmea2.ZDA, "timestamp year month day")
 def _read_zda(tod: str, *day: str) -> Report:
-    tod_s = _time_of_day(tod)
-    return Report("ZDA", tod_s=tod_s, sent_utc_s=_utc_s(tod_s, *day))
+    tod_s = time_of_day(tod)
+    return Report("ZDA", tod_s=tod_s, sent_utc_s=utc_s_of(tod_s, *day))
 
 
-def _number(text: str) -> float | None:
-    """Read a number; None when it is blank or none.
+def _one_of(letters: str) -> Callable[[str], str | None]:
+    return lambda text: text if text and text in letters else None
 
-    float() alone would also take `nan`, `1_0` and `1e9`, which no receiver means.
+
+_FORMS: Final[tuple[tuple[str, str, str, Callable[[str], object]], ...]] = (
+    ("timestamp", "time", "hhmmss.ss", time_of_day),
+    ("lat", "latitude", "ddmm.mmmm", lambda text: degrees_of(text, 1, 90)),
+    ("lat_dir", "letter of latitude", "N or S", _one_of("NS")),
+    ("lon", "longitude", "dddmm.mmmm", lambda text: degrees_of(text, 1, 180)),
+    ("lon_dir", "letter of longitude", "E or W", _one_of("EW")),
+    ("gps_qual", "quality", "a digit", _one_of("0123456789")),
+    ("status", "status", "A or V", HAS_FIX_BY_STATUS.get),
+)
+"""Fields that a fix needs, in the order of blame: pynmea2's name, ours, the form that
+it should have, and what reads it."""
+
+
+def why_unread(line: bytes) -> tuple[str, str]:
+    """Say which field of an intact sentence keeps its fix from being used.
+
+    Returns
+    -------
+    tuple of str
+        The field, such as `RMC: longitude`, and what is wrong with it: `-11814.617 is
+        not dddmm.mmmm`.
     """
-    if not text or text.strip("+-.0123456789"):
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    sentence = pynmea2.NMEASentence.parse(checked_text(line))
+    kind = sentence.sentence_type
+    for name, field, form, read in _FORMS:
+        index = sentence.name_to_idx.get(name)
+        if index is None:
+            continue
+        text = (sentence.data + _BLANKS)[index].strip()
+        if read(text) is None:
+            what = f"{text[:20]} is not {form}" if text else f"is blank, not {form}"
+            return f"{kind}: {field}", what
+    return f"{kind}: position", "0 N 0 E is no place"
 
 
-def _positive(text: str) -> float | None:
-    """Read a number of which 0 means that it is not known."""
-    number = _number(text)
-    return number if number is not None and number > 0 else None
+class Unread:
+    """Why sentences could not be used: each reason with its count and first example."""
 
+    def __init__(self) -> None:
+        self._first: dict[str, tuple[str, bytes]] = {}  # the reason in words, the line
+        self._counts: Counter[str] = Counter()
+        self._notices: list[str] = []
 
-def _dilution(text: str) -> float | None:
-    """Read a dilution of precision; an absurd one is a bad one."""
-    hdop = _positive(text)
-    return None if hdop is None else min(hdop, MAX_HDOP)
+    def add(self, field: str, what: str, line: bytes) -> None:
+        """Count a sentence; reasons that concern the same field are one."""
+        key = field or what
+        if key not in self._first and len(self._first) >= MAX_REASONS:
+            key = "others"
+        reason, example = self._first.setdefault(key, (f"{field} {what}".strip(), line))
+        self._counts[key] += 1
+        if self._counts[key] == TOLD_AFTER:
+            self._notices.append(
+                f"the receiver sends what cannot be used, {TOLD_AFTER} times by now: "
+                f"{reason}: {shown(example.decode('ascii', 'replace'))}"
+            )
 
+    def reasons(self) -> dict[str, int]:
+        """Return how often, by reason; the most frequent first."""
+        return {f"{self._first[key][0]}": n for key, n in self._counts.most_common()}
 
-def _height(text: str) -> float | None:
-    """Read a height; None when it is blank, or not of this world."""
-    height_m = _number(text)
-    if height_m is None or not HEIGHTS_M[0] <= height_m <= HEIGHTS_M[1]:
-        return None
-    return height_m
+    def worst(self) -> str:
+        """Say the most frequent reason, how often, and its first line; "" if none."""
+        for key, n in self._counts.most_common(1):
+            reason, example = self._first[key]
+            line = shown(example.decode("ascii", "replace"))
+            return f"{reason}, {n} {'time' if n == 1 else 'times'}: {line}"
+        return ""
 
-
-def _time_of_day(text: str) -> float | None:
-    """Read hhmmss.ss; a leap second is the second before the same midnight's first."""
-    seconds = _number(text[4:])
-    if seconds is None or not text[:6].isdigit():
-        return None
-    hours, minutes = int(text[:2]), int(text[2:4])
-    if hours > 23 or minutes > 59 or seconds >= 61:
-        return None
-    return hours * 3600 + minutes * 60 + seconds
-
-
-def _utc_s(tod_s: float | None, year: str, month: str, day: str) -> float | None:
-    midnight_s = _midnight_s(year, month, day)
-    return None if midnight_s is None or tod_s is None else midnight_s + tod_s
-
-
-@lru_cache(maxsize=4)  # a date stays for a day, and costs as much as a position
-def _midnight_s(year: str, month: str, day: str) -> float | None:
-    """Return the UTC at which a day begins; None when it is blank or none."""
-    try:
-        whole = date(int(year), int(month), int(day))
-    except (ValueError, OverflowError):
-        return None
-    if not FIRST_YEAR <= whole.year <= LAST_YEAR:
-        return None
-    return (whole.toordinal() - date(1970, 1, 1).toordinal()) * 86400.0
-
-
-def _century(year: str) -> str:
-    """Complete a year of two digits: there was no GPS before 1980."""
-    return ("19" if year >= "80" else "20") + year
-
-
-def _position(
-    lat: str, lat_dir: str, lon: str, lon_dir: str
-) -> tuple[float, float] | None:
-    """Read a position; None when it is blank, none on earth, or 0 N 0 E exactly."""
-    lat_deg = _degrees(lat, {"N": 1, "S": -1}.get(lat_dir), 90)
-    lon_deg = _degrees(lon, {"E": 1, "W": -1}.get(lon_dir), 180)
-    if lat_deg is None or lon_deg is None or lat_deg == lon_deg == 0:
-        return None
-    return radians(lat_deg), radians(lon_deg)
-
-
-def _degrees(text: str, sign: int | None, limit: int) -> float | None:
-    """Read dddmm.mmm."""
-    number = _number(text)
-    if number is None or sign is None:
-        return None
-    whole, minutes = divmod(number, 100)
-    degrees = whole + minutes / 60
-    return sign * degrees if minutes < 60 and 0 <= degrees <= limit else None
-
-
-def _velocity(knots: str, course: str) -> tuple[float, float] | None:
-    """Read a velocity, north and east."""
-    speed, course_deg = _number(knots), _number(course)
-    if speed is None or not 0 <= speed * MPS_PER_KNOT <= MAX_SPEED_MPS:
-        return None
-    speed_mps = speed * MPS_PER_KNOT
-    if course_deg is None:
-        return (0.0, 0.0) if speed_mps < STANDING_MPS else None
-    if not 0 <= course_deg <= 360:
-        return None
-    course_rad = radians(course_deg)
-    return speed_mps * cos(course_rad), speed_mps * sin(course_rad)
-
-
-def _per_axis(north: float | None, east: float | None) -> float | None:
-    """Average two standard deviations into one that serves both axes."""
-    if north is None or east is None:
-        return None
-    return min(max(hypot(north, east) / sqrt(2), MIN_SIGMA_M), MAX_SIGMA_M)
+    def take_notices(self) -> list[str]:
+        """Return what a person should know; each is said once."""
+        notices, self._notices = self._notices, []
+        return notices

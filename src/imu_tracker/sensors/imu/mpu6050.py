@@ -98,7 +98,7 @@ class Mpu6050:
         where = f"at address 0x{self.registers.address:02X}"
         if who_am_i not in CHIPS and self._is_clock_chip():
             raise DeviceNotFoundError(
-                f"a clock chip (DS1307, DS3231) {where}, left alone, "
+                f"a clock chip (DS1307, DS3231, PCF8523) {where}, left alone, "
                 + (self._neighbour() or f"{_NO_NEIGHBOUR}: tie the MPU's AD0 to 3.3 V")
             )
         if who_am_i in _DEAD_BUS:
@@ -200,23 +200,39 @@ class Mpu6050:
         )
 
     def _is_clock_chip(self) -> bool:
-        """Whether registers 0 to 6 are a date in BCD, as of a DS1307 or DS3231.
+        """Whether there is a date in BCD where clock chips at this address have it.
 
         An MPU-6050 has trims there. A write would set such a clock wrong.
         """
         try:
             data = self._bus.read_i2c_block_data(self.registers.address, 0, 7)
+            if _is_date(data, 3):
+                return True
+            if not _is_date([*data[3:], 0, 1, 0], 4):  # only then is more to be read
+                return False
+            data = self._bus.read_i2c_block_data(self.registers.address, 3, 7)
         except OSError:
             return False
-        flags = (0x7F, 0x7F, 0x3F, 0x07, 0x3F, 0x1F, 0xFF)  # their other bits
-        digits = [value & flag for value, flag in zip(data, flags, strict=True)]
-        if any(value >> 4 > 9 or value & 0xF > 9 for value in digits):
-            return False
-        seconds, minutes, _, weekday, day, month, _ = (
-            10 * (value >> 4) + (value & 0xF) for value in digits
-        )
-        is_time = seconds < 60 and minutes < 60
-        return is_time and weekday > 0 and 1 <= day <= 31 and 1 <= month <= 12
+        return _is_date(data, 4)
 
     def _sleep_ms(self, pause_ms: int) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + pause_ms * MILLISECOND_NS)
+
+
+def _is_date(data: list[int], weekday_at: int) -> bool:
+    """Whether seven registers are seconds to year in BCD, with flags in spare bits.
+
+    DS1307 and DS3231 begin at register 0 and count the weekday before the day, from
+    1; PCF8523 begins at 3 and counts it after the day, from 0.
+    """
+    masks = [0x7F, 0x7F, 0x3F, 0x3F, 0x3F, 0x1F, 0xFF]
+    masks[weekday_at] = 0x07
+    digits = [value & mask for value, mask in zip(data, masks, strict=True)]
+    if any(value >> 4 > 9 or value & 0xF > 9 for value in digits):
+        return False
+    values = [10 * (value >> 4) + (value & 0xF) for value in digits]
+    seconds, minutes, hours = values[:3]
+    weekday, day, month = values[weekday_at], values[7 - weekday_at], values[5]
+    if not (1 <= day <= 31 and 1 <= month <= 12 and weekday >= 4 - weekday_at):
+        return False
+    return seconds < 60 and minutes < 60 and hours < 40  # 12-hour clocks have a flag

@@ -4,13 +4,14 @@ Heights are above mean sea level and the ellipsoid is taken to lie there: the 43
 between the two near Delft change a length by 7e-6.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import count
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from imu_tracker.geometry.geodesy import radii_m
+from imu_tracker.samples import Vec3
 from imu_tracker.simulation.motion.paths import FloatArray
 from imu_tracker.simulation.motion.trajectory import Motion, Trajectory
 
@@ -73,3 +74,36 @@ def whereabouts(trajectory: Trajectory, start: Place) -> Iterator[Whereabouts]:
 
         yield Whereabouts(motion, lat_rad[:-1], lon_rad[:-1], alt_m[:-1])
         place = Place(float(lat_rad[-1]), float(lon_rad[-1]), float(alt_m[-1]))
+
+
+def at_antenna(ticks: Iterable[Whereabouts], lever_m: Vec3) -> Iterator[Whereabouts]:
+    """Yield where an antenna is and how it moves, `lever_m` (body axes) from the chip.
+
+    Notes
+    -----
+    p_antenna = p + C_nb l; its velocity adds the time derivative of C_nb l.
+    """
+    x, y, z = lever_m
+    for motion, lat_rad, lon_rad, alt_m in ticks:
+        roll, pitch, yaw = motion.rpy_rad.T
+        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        arm_n = np.column_stack(
+            [
+                cp * cy * x
+                + (sr * sp * cy - cr * sy) * y
+                + (cr * sp * cy + sr * sy) * z,
+                cp * sy * x
+                + (sr * sp * sy + cr * cy) * y
+                + (cr * sp * sy - sr * cy) * z,
+                -sp * x + sr * cp * y + cr * cp * z,
+            ]
+        )
+        swing_n = np.gradient(arm_n, motion.t_s, axis=0)
+        north_m, east_m = radii_m(float(lat_rad[len(lat_rad) // 2]))
+        yield Whereabouts(
+            motion._replace(v_n=motion.v_n + swing_n),
+            lat_rad + arm_n[:, 0] / (north_m + alt_m),
+            lon_rad + arm_n[:, 1] / ((east_m + alt_m) * np.cos(lat_rad)),
+            alt_m - arm_n[:, 2],
+        )

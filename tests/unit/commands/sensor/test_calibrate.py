@@ -247,7 +247,29 @@ def test_six_faces_from_a_recording(
     accel = known().accel
     assert accel is not None
     assert accel.bias_mps2 == pytest.approx((0.49033, -0.49033, 0.49033), abs=0.0098)
-    assert "residuals" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "residuals" in out
+    assert "good" in out
+
+
+@pytest.mark.parametrize(
+    "bias_g",
+    [(-0.055, 0.043, -0.18), (0.25, 0.0, -0.1), (-0.25, 0.1, 0.08), (0.0, 0.0, 0.25)],
+)
+def test_a_clone_that_is_off_by_250_mg_is_measured_and_graded(
+    bias_g: Vec3, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Reported as arduino.stackexchange 85054: z is off by 160 mg."""
+    rec = write(Box(bias_g=bias_g).be_laid_on(*SIX))
+    assert main(["calibrate", "accel", rec, *OUT, "-q"]) == 0
+    accel = known().accel
+    assert accel is not None
+    assert accel.bias_mps2 == pytest.approx([9.80665 * b for b in bias_g], abs=0.01)
+    out = capsys.readouterr().out
+    limits = (0.05, 0.05, 0.08)
+    beyond = sum(abs(b) > limit for b, limit in zip(bias_g, limits, strict=True))
+    assert out.count("beyond the datasheet's ") == beyond > 0
+    assert "calibrate it where it works" in out
 
 
 @pytest.mark.parametrize(

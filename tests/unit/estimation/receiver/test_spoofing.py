@@ -99,3 +99,17 @@ def test_a_start_that_the_imu_feels_is_none() -> None:
         lambda t: 0.3 * (20 < t < 23),
     )
     assert watch.counters == {}
+
+
+def test_a_place_that_repeats_while_the_speed_runs_on_is_frozen() -> None:
+    """Reported as KumarRobotics/ublox#253 and punch-mission/punchbowl#1025."""
+    watch = watched(120, lambda _: 0.0, lambda t: 10.0 * (t < 100))
+    (frozen,) = watch.take_notices()
+    assert frozen.startswith("the receiver repeats one place while its speed runs on")
+    assert "restart the receiver" in frozen
+    assert watch.counters == {}
+
+
+def test_a_receiver_that_stands_and_says_so_is_not_frozen() -> None:
+    watch = watched(300, lambda _: 0.0, lambda _: 0.0)
+    assert watch.take_notices() == []

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from imu_tracker.estimation.receiver.utc import (
-    HOLE_EPOCHS,
     SETTLE_NS,
     SLEW,
     STALE_NS,
+    SURE_EPOCHS,
     UtcClock,
 )
 
@@ -190,7 +190,7 @@ def test_rows_slew_and_never_jump(jump_s: float) -> None:
 
 def test_rows_go_forward_at_once_by_more_than_5_s() -> None:
     clock = settled()
-    for k in range(10, 13 + HOLE_EPOCHS):
+    for k in range(10, 13 + SURE_EPOCHS):
         assert clock.slew(0) == 0  # a time that may go back again
         epoch(clock, k * SECOND, utc_off_s=14 * 86_400.0)
     hole_ns = clock.slew(250 * MS)
@@ -215,3 +215,34 @@ def test_a_wandering_crystal_is_followed() -> None:
         epoch(clock, k * SECOND, utc_off_s=50e-6 * k)
         clock.slew(SECOND)
     assert shown_error_ns(clock) == pytest.approx(180 * MS, abs=3 * MS)
+
+
+def test_rows_go_back_at_once_by_more_than_a_minute() -> None:
+    clock = settled()
+    for k in range(10, 13 + SURE_EPOCHS):
+        assert clock.slew(250 * MS) == 0  # nor are they slewed: that would take hours
+        epoch(clock, k * SECOND, utc_off_s=-3600.0)
+    assert clock.slew(250 * MS) == pytest.approx(-3600 * SECOND, abs=MS)
+    assert shown_error_ns(clock) == pytest.approx(-3600 * SECOND, abs=MS)
+    assert clock.is_sure
+
+
+def test_a_date_that_moves_back_and_forth_is_followed_less_and_less() -> None:
+    # A day ahead for half a minute, right for half a minute, for two hours.
+    clock, steps = settled(30), []
+    for k in range(30, 7200):
+        epoch(clock, k * SECOND, utc_off_s=86_400.0 * (k // 30 % 2))
+        steps += [k] if clock.slew(250 * MS) else []
+    assert len(steps) == 1
+    assert "back and forth" in clock.follows(86_400.0)
+
+
+def test_a_date_that_came_to_stay_is_followed_whatever_it_did_before() -> None:
+    clock, steps = settled(30), 0
+    for k in range(30, 3600):
+        epoch(clock, k * SECOND, utc_off_s=86_400.0 * (k // 30 % 2))
+        steps += bool(clock.slew(250 * MS))
+    for k in range(3600, 5000):
+        epoch(clock, k * SECOND)
+        clock.slew(250 * MS)
+    assert shown_error_ns(clock) == pytest.approx(0, abs=MS)

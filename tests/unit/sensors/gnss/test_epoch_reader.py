@@ -6,8 +6,9 @@ from math import degrees, radians
 import pytest
 
 from imu_tracker.samples import GpsFix, UtcTime
-from imu_tracker.sensors.gnss.epoch_reader import TOLD_AFTER, EpochReader, Positions
-from imu_tracker.sensors.gnss.sentences import MPS_PER_KNOT
+from imu_tracker.sensors.gnss.epoch_reader import EpochReader, Positions
+from imu_tracker.sensors.gnss.fields import MPS_PER_KNOT
+from imu_tracker.sensors.gnss.sentences import TOLD_AFTER
 from support.nmea_text import gga, gll, rmc, sentence
 
 S = 1_000_000_000

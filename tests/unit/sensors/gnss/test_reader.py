@@ -92,7 +92,7 @@ def test_health_counts_what_came() -> None:
     assert desk.events == ["gps_open /dev/gps"]
 
 
-@pytest.mark.parametrize("baud", [9600, 115200, 4800, 230400])
+@pytest.mark.parametrize("baud", [9600, 115200, 4800, 230400, 921600])
 def test_the_speed_is_found_by_listening(baud: int) -> None:
     desk = Desk(baud=baud)
     tries = BAUDS.index(baud) + 1

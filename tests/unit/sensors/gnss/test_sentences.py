@@ -6,7 +6,8 @@ from math import degrees
 import pytest
 
 from imu_tracker.errors import NmeaError
-from imu_tracker.sensors.gnss.sentences import MPS_PER_KNOT, Report, read_sentence
+from imu_tracker.sensors.gnss.fields import MPS_PER_KNOT
+from imu_tracker.sensors.gnss.sentences import Report, read_sentence
 from support.nmea_text import gga, gll, rmc, sentence
 
 

@@ -91,15 +91,13 @@ class MotionConstraints:
             if not alignment.is_aligned:
                 for eskf in self._bank.filters:
                     self._level(eskf, outage_s)
-            if alignment.course_free is not None:
-                self._level(alignment.course_free, outage_s)
             if outage_s > OUTAGE_AFTER_S:
                 self._apply_priors(outage_s)
             else:
                 self._learn()
 
     def _rest(self, rest: Rest, period_s: float) -> None:
-        for eskf in self._alignment.filters:
+        for eskf in self._bank.filters:
             eskf.update(vehicle.zero_velocity(eskf, rest, period_s))
 
     def _learn(self) -> None:

@@ -22,6 +22,7 @@ from imu_tracker.estimation.error_state.states import (
     WHEEL_SCALE,
     WHEEL_SCALE_SIGMA,
 )
+from imu_tracker.estimation.report import WheelReport
 from imu_tracker.samples import ImuSample
 from imu_tracker.wheels.orders import KeptWheels
 from imu_tracker.wheels.posterior import SpeedError
@@ -128,7 +129,7 @@ class WheelAiding:
         _begin_scale(filters, WHEEL_SCALE_SIGMA)
         self._wheels.reset_evidence()
 
-    def report(self) -> dict[str, object]:
+    def report(self) -> WheelReport:
         """What was learnt, for people."""
         wheels, asked = self._wheels.wheels, self._wheels.asked_windows
         share = self._wheels.heard_windows / asked if asked else None

@@ -1,9 +1,9 @@
 """Which way is down, which way is north, and how the box sits: the coarse stage.
 
-Course is not heading. The course is taken for the heading of a vehicle once there
-is one, and checked against the accelerations: beside the filters runs one that never
-used the course (`course_free`); its attitude levels the accelerations for the yaw bank.
-Where the bank contradicts the heading, a filter with the bank's is tried by likelihood.
+Course is not heading. A vehicle goes along its course, but its box may lie turned, or
+it may reverse: when the course is known first, eight filters begin, one for each way
+the box may be turned, weighted by what the accelerations before have told the yaw bank.
+The fixes decide between them. Bodies without wheels have the yaw bank alone.
 """
 
 import math
@@ -13,16 +13,23 @@ from typing import Final
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf
-from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
+from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
+    Kind,
+    NoiseBank,
+    Rival,
+)
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
+    COURSE_SPEED_MPS,
     REVERSE_MPS,
     REVERSE_RAD,
+    course_sigma_rad,
     inflate_gyro_bias,
+    mount,
     off_course,
     rotate_yaw,
+    separate_delays,
     set_bank_heading,
     set_course_heading,
-    yaw_between,
 )
 from imu_tracker.estimation.error_state.hypotheses.yaw_bank import (
     CONVERGED_SIGMA_RAD,
@@ -51,12 +58,8 @@ LEVELLING_S: Final = 1.0
 ODD_MOUNTING_RAD: Final = math.radians(20.0)
 """No road and no hand's error tips a box so far."""
 
-COURSE_SPEED_MPS: Final = 2.0
 COURSE_TURN_RADPS: Final = 0.3
-COURSE_SIGMA_RAD: Final = math.radians(5.0)
-COURSE_SIGMA_MPS: Final = 0.2
-"""Between course and direction of travel of a vehicle that does not turn tightly; and
-across it, at low speed."""
+"""A vehicle that turns more tightly does not head along its course."""
 
 BANK_PERIOD_S: Final = 0.5
 BANK_VELOCITY_VAR: Final = 0.3**2
@@ -70,12 +73,11 @@ make it err by 10 degrees."""
 GUESS_SIGMA_RAD: Final = math.radians(30.0)
 """A bank less sure than this says nothing."""
 
-PATIENCE_S: Final = 5.0
-"""For so long of a usable course the bank is heard first: pulling off shows it in some
-seconds whether the box sits turned; on a steady road it never can."""
-
-DOUBTED_PATIENCE_S: Final = 60.0
-"""And for so long once a course has proved to be no heading."""
+TURNED_BY_RAD: Final = math.pi / 4.0
+TURNED_SIGMA_RAD: Final = math.radians(15.0)
+TURNED_NATS: Final = -2.0
+"""Steps in which a box may lie turned in its vehicle, how far it is off those, and the
+log odds of each against one that points ahead."""
 
 LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
@@ -111,9 +113,6 @@ class Alignment:
         Whether down is known, and north.
     level_q : Quat or None
         Attitude of the box as it was levelled.
-    course_free : Eskf or None
-        The filter that never took the course for the heading, until the yaw bank has
-        confirmed the others.
     is_prior_unproved : bool
         Whether what an earlier run learnt is in the filters, and was not yet held
         against a filter without it.
@@ -126,11 +125,9 @@ class Alignment:
         self._yaw_bank = YawBank()
         self._yaw_bank_due_s = 0.0
         self._n_contradicted = 0
-        self._waited_s, self._patience_s = 0.0, PATIENCE_S
         self._level_s, self._level_dv = 0.0, (0.0, 0.0, 0.0)
         self.level_q: Quat | None = None
         self.is_aligned = False
-        self.course_free: Eskf | None = None
         self.is_prior_unproved = self._is_prior_tried = False
         self._is_prior_fresh = self._is_half_turn_tried = False
         self._with_prior: Eskf | None = None
@@ -140,21 +137,6 @@ class Alignment:
         """Whether down is known."""
         return self.level_q is not None
 
-    @property
-    def filters(self) -> tuple[Eskf, ...]:
-        """All there are: what happens to the body, happens to each."""
-        course_free = self.course_free
-        return self._bank.filters + (() if course_free is None else (course_free,))
-
-    @property
-    def _reference(self) -> Eskf:
-        """Whose attitude the bank's accelerations are levelled by.
-
-        Until the bank has spoken once, a filter that never took the course for the
-        heading: a wrong heading spoils the tilt, and with it the evidence.
-        """
-        return self._bank.main if self.course_free is None else self.course_free
-
     def can_use_force(self, rest: Rest | None) -> bool:
         """Whether forces can be rotated; at rest any yaw will do."""
         return self.is_level and (self.is_aligned or rest is not None)
@@ -162,12 +144,7 @@ class Alignment:
     def start(self) -> None:
         """Gather the evidence anew; the attitude stays."""
         self._yaw_bank.reset()
-        self.course_free = None
-        self._waited_s, self._n_contradicted = 0.0, 0
-
-    def distrust_course(self) -> None:
-        """Wait for accelerations to show the heading: the course was none."""
-        self._patience_s = DOUBTED_PATIENCE_S
+        self._n_contradicted = 0
 
     # --------------------------------------------------------------- with each step
 
@@ -195,7 +172,7 @@ class Alignment:
 
     def add_stretch(self) -> None:
         """Give the yaw bank the level acceleration since the last prediction."""
-        (dvn, dve, _), dt = self._reference.stretch
+        (dvn, dve, _), dt = self._bank.main.stretch
         self._yaw_bank.add_stretch(dt, (dvn, dve))
 
     def shift_origin(self, north_m: float, east_m: float) -> None:
@@ -209,6 +186,7 @@ class Alignment:
             self.reset_orientation()
         elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
             self.is_aligned = False
+            self._bank.challenge_noise()
             self.start()  # the bank, too, turned with this attitude
 
     def reset_orientation(
@@ -242,7 +220,7 @@ class Alignment:
             self._settle(is_other=True)
             return True
         yaw_rad, sigma_rad = self._yaw_bank.yaw()
-        if self.course_free is not None or not _contradicts(yaw_rad, sigma_rad):
+        if not _contradicts(yaw_rad, sigma_rad):
             return False
         self._bank.challenge_noise()
         self._is_prior_tried = self._is_half_turn_tried = False
@@ -251,13 +229,16 @@ class Alignment:
         self._notify("the heading was wrong; learnt anew")
         return True
 
-    def add_log_likelihoods(
-        self, main: float, challenger: float, period_s: float
-    ) -> None:
+    def add_log_likelihoods(self, likelihoods: list[float], period_s: float) -> None:
         """Let the likelihood of the fix decide between the filters."""
-        heading = self._bank.add_log_likelihoods(main, challenger, period_s)
-        if heading is not None:
+        has_headings = self._bank.has_headings
+        heading = self._bank.add_log_likelihoods(likelihoods, period_s)
+        if heading is None:
+            return
+        if not has_headings:
             self._settle(is_other=heading)
+        elif heading:
+            self._notify(f"the {self._bank.main_name}")
 
     def _settle(self, *, is_other: bool) -> None:
         """Draw the conclusions of a trial of headings."""
@@ -271,7 +252,6 @@ class Alignment:
         elif self._is_half_turn_tried:
             self._notify("the box sits with its x axis backwards")
         self._is_half_turn_tried = False
-        self.course_free = None
         self._yaw_bank.reset()
 
     def update(self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel) -> None:
@@ -279,7 +259,7 @@ class Alignment:
         self._check_reverse()
         self._update_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._align(fix, receiver.period_s)
+            self._align(fix)
         elif self.is_prior_unproved and not self._bank.is_heading_trial:
             self._try_prior(fix)
 
@@ -289,6 +269,9 @@ class Alignment:
             return
         main = self._bank.main
         if float(main.C_vn()[0] @ main.nominal.v_n) < -REVERSE_MPS:
+            if self._bank.has_headings:
+                main.turn_mounting_half()  # the other heading is alive already
+                return
             candidate = main.clone(main.noise)
             rotate_yaw(candidate, math.pi)
             candidate.inflate_orientation(GUESS_SIGMA_RAD, is_vehicle=True)
@@ -301,19 +284,22 @@ class Alignment:
         self, fix: GpsFix, position_ne: Array, receiver: ReceiverModel
     ) -> None:
         """Compare the heading with what the accelerations say of it."""
-        yaw_bank, eskf, levelled = self._yaw_bank, self._bank.main, self._reference
+        yaw_bank, eskf = self._yaw_bank, self._bank.main
         self._yaw_bank_due_s -= receiver.period_s
         if self._yaw_bank_due_s > 0.0:
             return
         self._yaw_bank_due_s = BANK_PERIOD_S
+        if receiver.is_catching_up:
+            yaw_bank.reset()
+            return
         yaw_bank.update(
             position_ne,
             max(0.35 * fix.sigma_h_m, 0.3) ** 2,
             None if fix.vel_ne_mps is None else np.array(fix.vel_ne_mps),
             receiver.velocity_var + BANK_VELOCITY_VAR,
             max(0.1, eskf.sigma(VELOCITY_DELAY)) ** 2,
-            levelled.level_accel_var,
-            levelled.down_bias,
+            eskf.level_accel_var,
+            eskf.down_bias,
         )
         if self.is_aligned and (
             self._is_prior_tried or not self._bank.is_heading_trial
@@ -322,19 +308,14 @@ class Alignment:
 
     def _compare_heading(self, yaw_rad: float, sigma_rad: float) -> None:
         """Try the bank's heading, once it has contradicted for long enough."""
-        eskf, levelled = self._bank.main, self._reference
-        turned_rad = yaw_between(eskf.nominal.q_nb, levelled.nominal.q_nb)
-        if not _contradicts(wrap_pi(yaw_rad - turned_rad), sigma_rad):
+        eskf = self._bank.main
+        if not _contradicts(yaw_rad, sigma_rad):
             self._n_contradicted = 0
-            if sigma_rad < CONVERGED_SIGMA_RAD and self.course_free is not None:
-                self.course_free = None
-                self._yaw_bank.reset()
             return
         self._n_contradicted += 1
         if self._n_contradicted >= CONTRADICTED_FIXES:
             self._n_contradicted = 0
             candidate = eskf.clone(eskf.noise)
-            candidate.copy_state_from(levelled)
             set_bank_heading(
                 candidate, yaw_rad, sigma_rad, is_vehicle=self._platform.is_vehicle
             )
@@ -347,30 +328,46 @@ class Alignment:
             set_bank_heading(
                 eskf, yaw_rad, sigma_rad, is_vehicle=self._platform.is_vehicle
             )
+            if not self.is_aligned:
+                separate_delays(eskf)
         self._yaw_bank.rotate_yaw(yaw_rad)
         self.is_aligned = True
 
-    def _align(self, fix: GpsFix, period_s: float) -> None:
-        """Take the course of a vehicle for its heading, or else the bank's word."""
-        yaw_rad, sigma_rad = self._yaw_bank.yaw()
-        course = self._course(fix) if self._platform.is_vehicle else None
-        if course is None:
+    def _align(self, fix: GpsFix) -> None:
+        """Begin with a heading: along a vehicle's course, or by the yaw bank."""
+        if not self._platform.is_vehicle or fix.vel_ne_mps is None:
+            yaw_rad, sigma_rad = self._yaw_bank.yaw()
             if sigma_rad < CONVERGED_SIGMA_RAD:
                 self._set_bank_yaw(yaw_rad, sigma_rad)
             return
-        course_rad, course_sigma_rad = course
-        main = self._bank.main
-        if sigma_rad > GUESS_SIGMA_RAD and self._waited_s < self._patience_s:
-            self._waited_s += period_s
+        course = self._course(fix)
+        if course is None:
             return
-        wrong_rad = wrap_pi(off_course(main, course_rad) - yaw_rad)
-        if _contradicts(wrong_rad, sigma_rad):
-            self._set_bank_yaw(yaw_rad, sigma_rad)
-            return
-        self.course_free = main.clone(main.noise)
-        for eskf in self._bank.filters:
-            set_course_heading(eskf, course_rad, course_sigma_rad)
+        if self.is_prior_unproved:
+            for eskf in self._bank.filters:
+                set_course_heading(eskf, *course)
+                separate_delays(eskf)
+        else:
+            self._begin_headings(*course)
         self.is_aligned = True
+
+    def _begin_headings(self, course_rad: float, sigma_rad: float) -> None:
+        """Let filters compete that differ by how the box is turned in the vehicle."""
+        main, rivals = self._bank.main, []
+        for i in range(round(2.0 * math.pi / TURNED_BY_RAD)):
+            turned_rad = wrap_pi(i * TURNED_BY_RAD)
+            eskf, nats = main.clone(main.noise), 0.0
+            if i:
+                nats = TURNED_NATS
+                mount(eskf, turned_rad, TURNED_SIGMA_RAD)
+            nats += self._yaw_bank.log_density(off_course(eskf, course_rad))
+            set_course_heading(eskf, course_rad, sigma_rad)
+            separate_delays(eskf)
+            degrees = math.degrees(turned_rad)
+            name = f"box sits turned by {degrees:.0f} deg" if i else ""
+            rivals.append(Rival(eskf, Kind.HEADING, name, nats))
+        self._bank.begin_headings(rivals)
+        self._yaw_bank.reset()
 
     def _course(self, fix: GpsFix) -> tuple[float, float] | None:
         """Course as far as it tells the heading of a vehicle, with its sigma."""
@@ -381,8 +378,7 @@ class Alignment:
         turn_radps = abs(self._bank.main.rate_n[2])
         if speed_mps < COURSE_SPEED_MPS or turn_radps > COURSE_TURN_RADPS:
             return None
-        sigma_rad = math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / speed_mps)
-        return math.atan2(ve, vn), sigma_rad
+        return math.atan2(ve, vn), course_sigma_rad(speed_mps)
 
     # ------------------------------------------------------- what an earlier run knew
 

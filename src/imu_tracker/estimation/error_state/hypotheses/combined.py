@@ -75,6 +75,7 @@ class Combined:
     def estimate_after(self, dt_s: float) -> Estimate:
         """Place of the leading hypothesis, and the radius that holds both."""
         imu, alone = self._by_imu(dt_s), self._by_receiver(dt_s)
+        imu = imu._replace(r95_m=self._radius_of_headings(imu.r95_m, dt_s))
         if alone is None:
             return imu
         here = LocalFrame.at(imu.lat_rad, imu.lon_rad)
@@ -88,6 +89,21 @@ class Combined:
             [(share, 0.0, leader.r95_m), (1.0 - share, apart_m, other.r95_m)]
         )
         return leader._replace(r95_m=min(r95, LARGEST_RADIUS_M))
+
+    def _radius_of_headings(self, r95_m: float, dt_s: float) -> float:
+        """Radius about the leading filter that holds all headings that are alive."""
+        if not self._bank.has_headings:
+            return r95_m
+        main, *others = self._bank.filters
+        weight, *weights = self._bank.weights
+        t_ns = self._buffer.now_ns + round(dt_s * 1e9) + self._buffer.shift_ns
+        after_s = (t_ns - main.nominal.t_ns) * 1e-9
+        parts = [(weight, 0.0, r95_m)]
+        for each, share in zip(others, weights, strict=True):
+            apart = _position_after(each, after_s) - _position_after(main, after_s)
+            cov = self._position_cov_m2(each, *each.nominal.v_n[:2], after_s)
+            parts.append((share, math.hypot(*apart), r95_of(cov)))
+        return min(radius_m(parts), LARGEST_RADIUS_M)
 
     def _by_receiver(self, dt_s: float) -> Estimate | None:
         """Estimate without an IMU; height and attitude are the filter's."""
@@ -123,14 +139,17 @@ class Combined:
         lat, lon = self._propagation.frame.to_lat_lon(north, east)
         alt = None if fixes.alt_origin_m is None else fixes.alt_origin_m - down
         total_s = (t_ns - eskf.nominal.t_ns) * 1e-9 + eskf.delay_s
-        r95 = max(r95_of(self._position_cov_m2(vn, ve, total_s)), fixes.ambiguity_m)
+        cov = self._position_cov_m2(eskf, vn, ve, total_s)
+        r95 = max(r95_of(cov), fixes.ambiguity_m)
         return Estimate(
             lat, lon, alt, (vn, ve, vd), nominal.q_nb, min(r95, LARGEST_RADIUS_M)
         )
 
-    def _position_cov_m2(self, vn: float, ve: float, after_s: float) -> Array:
+    def _position_cov_m2(
+        self, eskf: Eskf, vn: float, ve: float, after_s: float
+    ) -> Array:
         """Covariance of p + v delay, carried over the time since the filter's."""
-        P = self._eskf.P
+        P = eskf.P
         H = np.zeros((2, N_ERRORS))
         H[:, POSITION] = np.eye(2, 3)
         H[:, VELOCITY] = after_s * np.eye(2, 3)
@@ -139,6 +158,17 @@ class Combined:
         cov: Array = H @ P @ H.T + LONGER_SHARE * P[RECEIVER, RECEIVER]
         return cov
 
+    def weights(self) -> dict[str, float]:
+        """Hypotheses that are alive by their names, with their probabilities."""
+        imu_weight, bank = self._fixes.comparison.odds.imu_weight, self._bank
+        named = {"receiver_alone": 1.0 - imu_weight}
+        names = [bank.main_name, *(rival.name for rival in bank.rivals)]
+        for name, share in zip(names, bank.weights, strict=True):
+            if share > 0.0:
+                label = f"imu, {name}" if bank.has_headings and name else "imu"
+                named[label] = named.get(label, 0.0) + imu_weight * share
+        return named
+
     def speed(self) -> tuple[float, float]:
         """Horizontal speed in m/s and its standard deviation."""
         if not self._has_imu_lead:
@@ -146,3 +176,9 @@ class Combined:
             return math.hypot(*alone.v_ne_mps), math.sqrt(alone.velocity_var)
         vn, ve, _ = self._eskf.nominal.v_n
         return math.hypot(vn, ve), max(self._eskf.sigma(V_N), self._eskf.sigma(V_E))
+
+
+def _position_after(eskf: Eskf, dt_s: float) -> Array:
+    """North and east of a filter, carried on at its velocity."""
+    (pn, pe, _), (vn, ve, _) = eskf.nominal.p_n, eskf.nominal.v_n
+    return np.array([pn + vn * dt_s, pe + ve * dt_s])

@@ -1,16 +1,15 @@
-"""The filter with an IMU and the receiver alone, compared on the same fixes."""
+"""The filters with an IMU and the receiver alone, compared on the same fixes."""
 
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
-from imu_tracker.estimation.error_state.hypotheses.receiver_alone import ReceiverAlone
-from imu_tracker.estimation.error_state.platform import Platform
-from imu_tracker.estimation.error_state.receiver_model import (
-    FixGeometry,
-    ReceiverModel,
-    log_likelihood,
+from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
+    FixNoise,
+    ReceiverAlone,
 )
+from imu_tracker.estimation.error_state.platform import Platform
+from imu_tracker.estimation.error_state.receiver_model import log_likelihood
 from imu_tracker.estimation.receiver.gate import MAX_SPEED_MPS
 from imu_tracker.samples import GpsFix
 
@@ -39,40 +38,41 @@ class Comparison:
 
     def weigh(
         self,
-        eskf: Eskf,
-        receiver: ReceiverModel,
         fix: GpsFix,
-        position: Measurement,
-        geometry: FixGeometry,
-        ahead_s: float,
-        *,
-        has_say: bool,
+        instant_ns: int,
+        noise: FixNoise,
+        imu: float | None,
+        period_s: float,
     ) -> Verdict:
         """Update the receiver's filter with a fix; compare how well both predicted it.
 
         Parameters
         ----------
-        eskf : Eskf
-            The filter with an IMU, at `ahead_s` before the fix.
-        receiver : ReceiverModel
         fix : GpsFix
-        position : Measurement
-            The fix's position against the filter.
-        geometry : FixGeometry
-        ahead_s : float
-        has_say : bool
-            Whether the filter uses the IMU: it delivers, and the heading is known.
+        instant_ns : int
+            That it describes.
+        noise : FixNoise
+        imu : float or None
+            Log-likelihood of its position and velocity under the filters with an IMU,
+            weighted by their odds; None: they do not use it.
+        period_s : float
+            Between fixes.
         """
-        noise = receiver.noise(fix, position)
-        instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
         psd = self._platform.unknown_accel_psd
         was_settled = self.alone.is_settled
         alone = self.alone.update(fix, instant_ns, noise, psd)
-        if alone is None or not was_settled or not has_say:
+        if alone is None or not was_settled or imu is None:
             return Verdict.NONE
-        imu = log_likelihood(position.z, eskf.innovation_covariance(position))
-        velocity = receiver.velocity(eskf, fix, geometry, ahead_s)
-        if velocity is not None:
-            S = eskf.innovation_covariance(velocity) + noise.late_var * np.eye(2)
-            imu += log_likelihood(velocity.z, S)
-        return self.odds.compare(imu, alone, receiver.period_s)
+        return self.odds.compare(imu, alone, period_s)
+
+
+def log_likelihood_of(
+    eskf: Eskf, position: Measurement, velocity: Measurement | None, late_var: float
+) -> float:
+    """How well a filter predicted a fix of a receiver whose velocity may be late."""
+    S = eskf.innovation_covariance(position)
+    likelihood = log_likelihood(position.z, S)
+    if velocity is not None:
+        S = eskf.innovation_covariance(velocity) + late_var * np.eye(2)
+        likelihood += log_likelihood(velocity.z, S)
+    return likelihood

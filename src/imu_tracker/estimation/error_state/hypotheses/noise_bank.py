@@ -1,11 +1,15 @@
-"""How noisy the IMU is in its place, found by the likelihood of the fixes.
+"""The filters with an IMU: one leads, rivals run beside it, fixes decide.
 
-The noise of a chip that is glued to a car and of a phone in its holder differ by ten,
-and nothing but the receiver tells which it is. The filter that is listened to runs at
-one level; a challenger runs beside it, at the next lower or higher one, from a copy of
-its state. Whoever foretold the fixes better goes on.
+A rival differs by its noise level, by its heading and mounting, or by what an earlier
+run learnt. The noise of a chip that is glued to a car and of a phone in its holder
+differ by ten, and a box may sit in its vehicle in any way: nothing but the receiver
+tells. Each fix adds the difference of the log-likelihoods to a rival's odds against
+the leader.
 """
 
+import math
+from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 from imu_tracker.estimation.error_state.filter import Eskf
@@ -34,6 +38,10 @@ EARLY_WIN_NATS: Final = 6.0
 """Likelier by so much at the end of a trial, or at any time within it: odds of 4, of
 20 and of 400 to 1."""
 
+HEADING_WIN_NATS: Final = 3.0
+HEADING_LOST_NATS: Final = -7.0
+"""Odds at which one of several headings takes the lead, and at which it is dropped."""
+
 MOST_NATS: Final = 1.0
 """No single fix decides: not a wild one, not the first after a tunnel."""
 
@@ -43,86 +51,185 @@ def known_level(level: int) -> int:
     return min(max(level, 0), len(NOISE_LEVELS) - 1)
 
 
-class NoiseBank:
-    """The filter that is listened to, and its challenger.
+class Kind(Enum):
+    """What a rival differs by."""
+
+    NOISE = "noise"
+    TRIAL = "trial"
+    HEADING = "heading"
+
+
+@dataclass(slots=True)
+class Rival:
+    """A filter that competes with the leader.
 
     Attributes
     ----------
-    main, challenger : Eskf
-    is_heading_trial : bool
-        Whether the challenger differs by its heading, not by its noise.
+    eskf : Eskf
+    kind : Kind
+    name : str
+    nats : float
+        Log odds against the leader.
+    trial_s : float
+        Fixes that were compared, in seconds.
+    """
+
+    eskf: Eskf
+    kind: Kind
+    name: str = ""
+    nats: float = 0.0
+    trial_s: float = 0.0
+
+
+class NoiseBank:
+    """The leading filter and its rivals.
+
+    Attributes
+    ----------
+    main : Eskf
+    main_name : str
+        What its heading assumes; empty: that the box points ahead.
+    rivals : list of Rival
+        One with another noise level or on trial, or several headings.
     """
 
     def __init__(self, level: int, *, is_vehicle: bool) -> None:
         self._level = level
         self._direction = -1
-        self._trial_s = self._lead = 0.0
         self.main = Eskf(NOISE_LEVELS[level], is_vehicle=is_vehicle)
-        self.challenger = self.main
-        self.is_heading_trial = False
+        self.main_name = ""
+        self.rivals: list[Rival] = []
         self.challenge_noise()
 
     @property
     def filters(self) -> tuple[Eskf, ...]:
-        """Both of them: all that happens, happens to each."""
-        return (self.main, self.challenger)
+        """All of them: all that happens, happens to each; the leader first."""
+        return (self.main, *(rival.eskf for rival in self.rivals))
+
+    @property
+    def is_heading_trial(self) -> bool:
+        """Whether another heading, or what an earlier run learnt, is on trial."""
+        return any(rival.kind is not Kind.NOISE for rival in self.rivals)
+
+    @property
+    def has_headings(self) -> bool:
+        """Whether several headings are alive."""
+        return any(rival.kind is Kind.HEADING for rival in self.rivals)
 
     @property
     def level(self) -> int:
-        """Index of the level that is listened to."""
+        """Index of the leader's noise level."""
         return self._level
+
+    @property
+    def weights(self) -> list[float]:
+        """Probabilities of the filters; another noise level alone has none."""
+        nats = [0.0] + [
+            -math.inf if rival.kind is Kind.NOISE else rival.nats
+            for rival in self.rivals
+        ]
+        top = max(nats)
+        odds = [math.exp(each - top) for each in nats]
+        total = sum(odds)
+        return [each / total for each in odds]
+
+    def mixed(self, likelihoods: list[float]) -> float:
+        """Log-likelihood of a fix under all headings, weighted by their odds."""
+        if not self.has_headings:
+            return likelihoods[0]
+        top = max(likelihoods)
+        shares = zip(self.weights, likelihoods, strict=True)
+        return top + math.log(sum(w * math.exp(each - top) for w, each in shares))
 
     def challenge_heading(self, candidate: Eskf) -> None:
         """Try a filter with another heading, at the same noise level."""
-        self.challenger = candidate
-        self.is_heading_trial = True
-        self._trial_s = self._lead = 0.0
+        self.rivals = [Rival(candidate, Kind.TRIAL, "another heading")]
+
+    def begin_headings(self, rivals: list[Rival]) -> None:
+        """Let several headings compete; the most probable one leads."""
+        best = max(rivals, key=lambda rival: rival.nats)
+        self.main, self.main_name = best.eskf, best.name
+        self.rivals = [rival for rival in rivals if rival is not best]
+        for rival in self.rivals:
+            rival.nats -= best.nats
 
     def add_log_likelihoods(
-        self, main: float, challenger: float, period_s: float
+        self, likelihoods: list[float], period_s: float
     ) -> bool | None:
-        """Take the log-likelihoods of one fix under both.
+        """Compare the log-likelihoods of one fix under all filters.
 
         Returns
         -------
         bool or None
-            Whether another heading has won or lost its trial; None: neither.
+            Whether another heading has won or lost; None: neither.
         """
-        self._trial_s += period_s
-        self._lead += min(max(challenger - main, -MOST_NATS), MOST_NATS)
-        is_over = self._trial_s >= TRIAL_S
-        is_upward = self._direction > 0 and not self.is_heading_trial
+        main, *others = likelihoods
+        for rival, likelihood in zip(self.rivals, others, strict=True):
+            rival.trial_s += period_s
+            better = min(max(likelihood - main, -MOST_NATS), MOST_NATS)
+            if rival.kind is Kind.HEADING:
+                better *= min(period_s, 1.0)
+            rival.nats += better
+        if self.has_headings:
+            return self._judge_headings()
+        return self._judge_trial(self.rivals[0]) if self.rivals else None
+
+    def _judge_headings(self) -> bool | None:
+        best = max(self.rivals, key=lambda rival: rival.nats)
+        if best.nats > HEADING_WIN_NATS:
+            self._swap(best)
+        self.rivals = [r for r in self.rivals if r.nats > HEADING_LOST_NATS]
+        if self.rivals:
+            return None
+        self.challenge_noise()
+        return self.main_name != ""
+
+    def _judge_trial(self, rival: Rival) -> bool | None:
+        is_over = rival.trial_s >= TRIAL_S
+        is_upward = self._direction > 0 and rival.kind is Kind.NOISE
         needed = WIN_NATS if is_upward else WIN_SURELY_NATS
-        if self._lead > EARLY_WIN_NATS or (is_over and self._lead > needed):
-            return self._end_trial(is_won=True)
-        if is_over or self._lead < -EARLY_WIN_NATS:
-            return self._end_trial(is_won=False)
+        if rival.nats > EARLY_WIN_NATS or (is_over and rival.nats > needed):
+            return self._end_trial(rival, is_won=True)
+        if is_over or rival.nats < -EARLY_WIN_NATS:
+            return self._end_trial(rival, is_won=False)
         return None
 
+    def _swap(self, winner: Rival) -> None:
+        """Let a rival lead; the leader becomes a rival."""
+        nats = winner.nats
+        for rival in self.rivals:
+            rival.nats -= nats
+        old, self.main = self.main, winner.eskf
+        name, self.main_name = self.main_name, winner.name
+        winner.eskf, winner.name, winner.nats = old, name, -nats
+
     def adopt_heading(self) -> bool:
-        """Take the other heading at once if it leads; return whether it did."""
-        if not self.is_heading_trial or self._lead <= 0.0:
+        """Take another heading at once if it leads; return whether it did."""
+        others = [rival for rival in self.rivals if rival.kind is not Kind.NOISE]
+        best = max(others, key=lambda rival: rival.nats, default=None)
+        if best is None or best.nats <= 0.0:
             return False
-        self._end_trial(is_won=True)
+        if best.kind is Kind.HEADING:
+            self._swap(best)
+        else:
+            self._end_trial(best, is_won=True)
         return True
 
-    def _end_trial(self, *, is_won: bool) -> bool | None:
-        verdict = is_won if self.is_heading_trial else None
+    def _end_trial(self, rival: Rival, *, is_won: bool) -> bool | None:
+        verdict = None if rival.kind is Kind.NOISE else is_won
         if is_won:
-            self.main = self.challenger
-        if self.is_heading_trial:
-            self.is_heading_trial = False
-        elif is_won:
-            self._level += self._direction  # and on in the same direction
-        else:
-            self._direction = -self._direction
+            self.main = rival.eskf
+        if rival.kind is Kind.NOISE:
+            if is_won:
+                self._level += self._direction  # and on in the same direction
+            else:
+                self._direction = -self._direction
         self.challenge_noise()
         return verdict
 
     def challenge_noise(self) -> None:
-        """Begin a trial of a neighbouring level."""
+        """Begin a trial of a neighbouring level, and drop all others."""
         if not 0 <= self._level + self._direction < len(NOISE_LEVELS):
             self._direction = -self._direction
-        self.challenger = self.main.clone(NOISE_LEVELS[self._level + self._direction])
-        self.is_heading_trial = False
-        self._trial_s = self._lead = 0.0
+        noise = NOISE_LEVELS[self._level + self._direction]
+        self.rivals = [Rival(self.main.clone(noise), Kind.NOISE)]

@@ -12,26 +12,37 @@ import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    DELAYS,
     GYRO_BIAS,
     MOUNT_YAW,
     N_ERRORS,
+    P_E,
+    P_N,
     TILT,
+    V_E,
+    V_N,
+    VELOCITY_DELAY,
     YAW_D,
+    Array,
     start_covariance,
 )
+from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
     multiply,
     rotate,
-    to_euler,
     turn_about_down,
     wrap_pi,
 )
 from imu_tracker.samples import Quat
 
-MOUNTING_SPEED_MPS: Final = 3.0
-"""From here on the course is known to some degrees."""
+COURSE_SPEED_MPS: Final = 2.0
+COURSE_SIGMA_RAD: Final = math.radians(5.0)
+COURSE_SIGMA_MPS: Final = 0.2
+"""Between course and direction of travel of a vehicle that does not turn tightly, from
+this speed on; and across it, at low speed."""
 
 TURNED_BOX_RAD: Final = math.radians(35.0)
 """Between course and the box's own ahead: no hand's error."""
@@ -80,7 +91,7 @@ def set_bank_heading(
     eskf.inflate_orientation(sigma_rad, is_vehicle=is_vehicle)
     vn, ve, _ = eskf.nominal.v_n
     speed_mps = math.hypot(vn, ve)
-    if not is_vehicle or speed_mps < MOUNTING_SPEED_MPS:
+    if not is_vehicle or speed_mps < COURSE_SPEED_MPS:
         return
     off_rad = off_course(eskf, math.atan2(ve, vn))
     is_reversing = abs(off_rad) > REVERSE_RAD and speed_mps < REVERSE_MPS
@@ -88,11 +99,33 @@ def set_bank_heading(
         mount_along_course(eskf)
 
 
+def course_sigma_rad(speed_mps: float) -> float:
+    """Standard deviation between the course and a vehicle's heading."""
+    return math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / max(speed_mps, 0.1))
+
+
+def mount(eskf: Eskf, yaw_rad: float, sigma_rad: float) -> None:
+    """Take the box to sit turned by an angle about the vehicle's down."""
+    eskf.q_vb = multiply(from_euler(0.0, 0.0, yaw_rad), eskf.q_vb)
+    eskf.set_variances(MOUNT_YAW, sigma_rad**2)
+
+
 def mount_along_course(eskf: Eskf) -> None:
-    """Take the vehicle for level and headed where it goes: the rest is the box's."""
+    """Take the vehicle for level and headed where it goes: the rest is the box's.
+
+    Notes
+    -----
+    The mounting's yaw is the course less the box's: mu_yaw = course - theta_d, so that
+    var = sigma^2 + var(theta_d), cov(theta_d, mu) = -var(theta_d).
+    """
     vn, ve, _ = eskf.nominal.v_n
     q_vn = from_euler(0.0, 0.0, -math.atan2(ve, vn))
     eskf.q_vb = multiply(q_vn, eskf.nominal.q_nb)
+    P = eskf.P.copy()
+    row = -P[YAW_D, :].copy()
+    row[MOUNT_YAW] = course_sigma_rad(math.hypot(vn, ve)) ** 2 + P[YAW_D, YAW_D]
+    P[MOUNT_YAW, :] = P[:, MOUNT_YAW] = row
+    eskf.P = P
 
 
 def inflate_gyro_bias(eskf: Eskf) -> None:
@@ -101,15 +134,60 @@ def inflate_gyro_bias(eskf: Eskf) -> None:
     eskf.set_variances(GYRO_BIAS, fresh.diagonal()[GYRO_BIAS])
 
 
+def set_delay_covariance(eskf: Eskf, block: Array) -> None:
+    """Make the two delays known so well, and independent of all other errors."""
+    P = eskf.P.copy()
+    P[DELAYS, :] = P[:, DELAYS] = 0.0
+    P[DELAYS, DELAYS] = block
+    eskf.P = P
+
+
+def separate_delays(eskf: Eskf) -> None:
+    """Take position and velocity for the receiver's, late by unknown delays.
+
+    Without a heading the filter follows the fixes: its position and velocity are those
+    that the receiver reports. With one they are the body's.
+
+    Notes
+    -----
+    p_r = p + v delay, v_r = v + a velocity_delay: the sums stay as well known as they
+    were, p and v become as uncertain as the delays.
+    """
+    (pn, pe, pd), (vn, ve, vd) = eskf.nominal.p_n, eskf.nominal.v_n
+    an, ae, _ = eskf.mean_a_n
+    late_s, v_late_s = eskf.delay_s, eskf.velocity_delay_s
+    eskf.nominal = eskf.nominal._replace(
+        p_n=(pn - vn * late_s, pe - ve * late_s, pd),
+        v_n=(vn - an * v_late_s, ve - ae * v_late_s, vd),
+    )
+    T = np.eye(N_ERRORS)
+    T[P_N, DELAY], T[P_E, DELAY] = -vn, -ve
+    T[V_N, VELOCITY_DELAY], T[V_E, VELOCITY_DELAY] = -an, -ae
+    eskf.P = T @ eskf.P @ T.T
+
+
+def inflate_unexplained(eskf: Eskf, variance: float, period_s: float) -> None:
+    """Open up where the receiver's error would have to be larger than it can be.
+
+    A filter that is wrong and sure of itself explains the difference by the receiver.
+    The part beyond `MAX_RECEIVER_SIGMAS` becomes its own uncertainty, within some
+    seconds.
+    """
+    error_m = math.hypot(*eskf.receiver_ne_m)
+    beyond_m = error_m - MAX_RECEIVER_SIGMAS * math.sqrt(variance)
+    if beyond_m > 0.0:
+        P = eskf.P.copy()
+        share = min(period_s / INFLATION_S, 1.0)
+        for p, v in ((P_N, V_N), (P_E, V_E)):
+            P[p, p] += share * beyond_m**2
+            P[v, v] += share * (beyond_m / INFLATION_S) ** 2
+        eskf.P = P
+
+
 def off_course(eskf: Eskf, course_rad: float) -> float:
     """Angle about down from the vehicle's heading to a course."""
     ahead_n = eskf.C_vn()[0]
     return wrap_pi(course_rad - math.atan2(ahead_n[1], ahead_n[0]))
-
-
-def yaw_between(q_nb: Quat, other_q_nb: Quat) -> float:
-    """Angle about down from the other attitude to this one."""
-    return to_euler(multiply(q_nb, conjugate(other_q_nb)))[2]
 
 
 def lean_right(eskf: Eskf, level_q: Quat) -> float:

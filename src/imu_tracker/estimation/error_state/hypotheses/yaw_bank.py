@@ -45,6 +45,9 @@ YAW_NOISE_PSD: Final = math.radians(0.3) ** 2
 RESPAWN_S: Final = 120.0
 """After so long all hypotheses have become the same one, and could not contradict."""
 
+DOUBTED_SHARE: Final = 0.2
+"""Probability that an answer is wrong altogether: a receiver that follows late."""
+
 N_STATES: Final = 6
 
 _LEAST_LOG_WEIGHT: Final = -30.0
@@ -210,6 +213,22 @@ class YawBank:
         self._x = self._x + gain * (bias_radps - self._x[:, 5])[:, None]
         P = self._P - gain[:, :, None] * self._P[:, None, 5, :]
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
+
+    def log_density(self, yaw_rad: float) -> float:
+        """Log of the probability density of a yaw, 1/rad; uniform when not begun.
+
+        A part of it is uniform: the small filters are surer than they may be.
+        """
+        uniform = 0.5 / math.pi
+        if math.isinf(self.age_s):
+            return math.log(uniform)
+        w = np.exp(self._log_w - self._log_w.max())
+        w /= w.sum()
+        away = np.mod(yaw_rad - self._x[:, 4] + math.pi, 2.0 * math.pi) - math.pi
+        variance = self._P[:, 4, 4] + CONVERGED_SIGMA_RAD**2
+        each = np.exp(-0.5 * away**2 / variance) / np.sqrt(2.0 * math.pi * variance)
+        density = (1.0 - DOUBTED_SHARE) * float(w @ each) + DOUBTED_SHARE * uniform
+        return math.log(density)
 
     def yaw(self) -> tuple[float, float]:
         """Mean of the yaw and its standard deviation, radians."""
