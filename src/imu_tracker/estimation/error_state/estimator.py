@@ -83,9 +83,9 @@ class ErrorState:
         fix_period: FixPeriod | None = None,
         history: History | None = None,
     ) -> None:
-        self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._notices: list[str] = []
         self._notify = self._notices.append
+        self._wheel_aiding = WheelAiding(self._notify) if uses_wheels else None
         self._temp_degc: float | None = None
         self._prior, self._history = prior, history
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
@@ -135,7 +135,11 @@ class ErrorState:
         rests = rest is not None and self._buffer.confirms_rest(self._eskf, step)
         self._propagation.add_step(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if self._wheel_aiding is not None and self._platform.is_vehicle:
+        if (
+            self._wheel_aiding is not None
+            and self._platform.is_vehicle
+            and self._alignment.is_aligned
+        ):
             self._wheel_aiding.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._load_prior()
@@ -242,7 +246,9 @@ class ErrorState:
         if self._alignment.is_aligned:
             is_at_rest = self._propagation.rest is not None
             place = place_of(eskf, self._propagation.frame, is_at_rest=is_at_rest)
-        return learnt._replace(temp_degc=self._temp_degc, place=place)
+        aiding = self._wheel_aiding
+        wheels = None if aiding is None else aiding.learnt()
+        return learnt._replace(temp_degc=self._temp_degc, place=place, wheels=wheels)
 
     def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, as soon as down is known."""
@@ -265,6 +271,8 @@ class ErrorState:
             return
         for eskf in self._bank.filters:
             begin_with(eskf, prior, takes_mounting=self._platform.is_vehicle)
+        if self._wheel_aiding is not None and prior.wheels is not None:
+            self._wheel_aiding.load(prior.wheels, self._bank.filters)
         if prior.place is not None and is_parked(prior, since, level_q, fix):
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
