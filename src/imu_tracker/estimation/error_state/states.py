@@ -18,6 +18,7 @@ from imu_tracker.estimation.tuning import (
     LEVELLING_SIGMA_RAD,
     RECEIVER_CORRELATION_S,
 )
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.samples import Quat, Vec3
 
@@ -111,6 +112,34 @@ that their delays differ by some tenths only."""
 
 MOUNT_SIGMA_RAD: Final = math.radians(8.0)
 """By hand and eye; larger angles are the coarse stage's."""
+
+
+class Scene(NamedTuple):
+    """What is the same for all filters at an instant.
+
+    Attributes
+    ----------
+    frame : LocalFrame
+        Where positions are counted from.
+    alt_origin_m : float or None
+    shift_s : float
+        What was folded away of the receiver's delay.
+    outage_s : float
+        Since the last fix that was used.
+    is_aligned : bool
+    has_imu : bool
+        Whether the IMU is used: it delivers, and was not set aside.
+    odds_nats : float
+        Log odds of the filter against the receiver alone.
+    """
+
+    frame: LocalFrame
+    alt_origin_m: float | None
+    shift_s: float
+    outage_s: float
+    is_aligned: bool
+    has_imu: bool
+    odds_nats: float
 
 
 def skew(v: Vec3) -> Array:
