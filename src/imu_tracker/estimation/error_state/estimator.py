@@ -7,7 +7,6 @@ predicted from their instant through the steps that wait.
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -48,10 +47,6 @@ from imu_tracker.geometry.rotation import to_euler
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, ImuSample, Vec3
-
-FOLD_S: Final = 0.02
-"""A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
-begins again at zero, where v times delay is exact."""
 
 
 class ErrorState:
@@ -170,23 +165,14 @@ class ErrorState:
 
     def _learn(self, fix: GpsFix) -> None:
         """Draw conclusions from a fix beyond those of the filters."""
-        self._fold_delay()
+        if self._alignment.is_aligned:
+            self._buffer.fold_delay(self._bank.filters)
         if not self._alignment.is_level:
             return
         if self._platform.adopt_found_profile():
             self._change_profile()
         position_ne = np.array(self._propagation.frame.to_ne(fix.lat_rad, fix.lon_rad))
         self._alignment.update(fix, position_ne, self._fixes.receiver)
-
-    def _fold_delay(self) -> None:
-        """Move the instants of the fixes by the delay that was found."""
-        delay_s = self._eskf.delay_s
-        if abs(delay_s) < FOLD_S or not self._alignment.is_aligned:
-            return
-        self._buffer.shift_ns += round(delay_s * 1e9)
-        for each in self._bank.filters:
-            each.delay_s -= delay_s
-            each.velocity_delay_s -= delay_s
 
     def _change_profile(self) -> None:
         """Constrain the body as its new profile allows."""
