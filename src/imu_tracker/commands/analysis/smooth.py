@@ -12,7 +12,7 @@ was learnt on the last mile corrects the first one.
 
 Same rows, same format and same options as `replay`; r95 is the radius of the smoothed
 place. A row may use what came minutes later: this is not what the tracker would have
-said live. Takes about half as long again as `replay`, and 200 MB for any length."""
+said live. Takes a quarter longer than `replay`, and some 100 MB for any length."""
 
 _EXAMPLES = """\
   imu-tracker smooth drive.rec --output drive.csv
