@@ -130,14 +130,9 @@ class ErrorState:
         rests = rest is not None and self._buffer.confirms_rest(self._eskf, step)
         self._propagation.add_step(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if (
-            self._wheel_aiding is not None
-            and self._platform.is_vehicle
-            and self._alignment.is_aligned
-        ):
+        if self._wheel_aiding is not None and self._platform.is_vehicle:
             self._wheel_aiding.update(self._bank.filters, self._propagation)
-        if self._since is not None:
-            self._load_prior()
+        self._load_prior()
         if self._history is not None and self._propagation.is_predicted:
             self._history.mark(self._bank.filters, self._output.scene())
 
@@ -232,8 +227,7 @@ class ErrorState:
         if self._alignment.is_aligned:
             is_at_rest = self._propagation.rest is not None
             place = place_of(eskf, self._propagation.frame, is_at_rest=is_at_rest)
-        aiding = self._wheel_aiding
-        wheels = None if aiding is None else aiding.learnt()
+        wheels = self._wheel_aiding and self._wheel_aiding.learnt()
         return learnt._replace(temp_degc=self._temp_degc, place=place, wheels=wheels)
 
     def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
@@ -260,9 +254,8 @@ class ErrorState:
         if self._wheel_aiding is not None and prior.wheels is not None:
             self._wheel_aiding.load(prior.wheels, self._bank.filters)
         if prior.place is not None and is_parked(prior, since, level_q, fix):
-            yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
-            self._alignment.set_parked_yaw(yaw_rad, sigma_rad)
+            self._alignment.set_parked_yaw(to_euler(prior.place.q_nb)[2], sigma_rad)
         is_fresh = since.elapsed_s is not None and abs(since.elapsed_s) < FRESH_S
         self._alignment.note_prior(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
@@ -277,7 +270,6 @@ class ErrorState:
         report.update(figures_of(self._eskf, self.gyro_bias()[1]))
         report["delay_s"] += shift_s
         report["velocity_delay_s"] += shift_s
-        aiding = self._wheel_aiding
         report.update(
             {
                 "velocity_sigma_mps": math.sqrt(fixes.receiver.velocity_var),
@@ -287,7 +279,7 @@ class ErrorState:
                 "nis_mean": fixes.nis_mean,
                 "fix_log_likelihood": fixes.log_likelihood_mean,
                 "noise_level": self._bank.level,
-                "wheels": None if aiding is None else aiding.report(),
+                "wheels": self._wheel_aiding and self._wheel_aiding.report(),
                 "hypotheses": self._output.weights(),
             }
         )

@@ -72,6 +72,11 @@ class Propagation:
         return self._stretch_s == 0.0
 
     @property
+    def is_aligned(self) -> bool:
+        """Whether the heading is known: before, velocity follows the fixes."""
+        return self._alignment.is_aligned
+
+    @property
     def is_imu_silent(self) -> bool:
         """Whether the IMU has delivered nothing for seconds."""
         return self._silent_s > SILENT_TURN_CORRELATION_S

@@ -8,7 +8,7 @@ which GPS shrinks, and the way without GPS carries its uncertainty.
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, final
 
 import numpy as np
 
@@ -40,6 +40,7 @@ HEARD_SHARE: Final = 0.5
 """Wheels that speak for less of the way are faint."""
 
 
+@final
 class WheelAiding:
     """Learns the wheels of a vehicle, and corrects its speed by them."""
 
@@ -55,7 +56,9 @@ class WheelAiding:
 
     def update(self, filters: tuple[Eskf, ...], propagation: Propagation) -> None:
         """Follow the speed of the first filter, and correct all by the wheels."""
-        if not propagation.is_predicted or propagation.is_imu_silent:
+        if not propagation.is_predicted or not propagation.is_aligned:
+            return
+        if propagation.is_imu_silent:
             return
         main = filters[0]
         if main is not self._main:
