@@ -153,7 +153,8 @@ def _mounting(imu: ImuFigures, sensors: Sensors) -> Iterator[Finding]:
             "Screw it, or glue it, to something stiff of the vehicle itself: not to a "
             "mat, a cover or a cable.",
         )
-    elif turn := max(imu.tilts_deg, default=0.0) * (imu.tilt_changes == 1):
+        return  # it explains the rest
+    if turn := max(imu.tilts_deg, default=0.0) * (imu.tilt_changes == 1):
         yield Finding(
             "box_turned",
             Weight.BAD,
