@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install pinned lock audit demo demo-live test lint types unit coverage acceptance fuzz system-test benchmark seeds deb deb-test dist hardware-report clean
+.PHONY: help install pinned lock audit demo demo-live test lint types unit coverage acceptance fuzz system-test benchmark seeds deb deb-test dist hardware-report next-python clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' \
@@ -146,6 +146,9 @@ dist: deb ## Make everything of a release in dist/: sdist, wheel, packages, chec
 	@$(BIN)/python -m build --outdir dist >/dev/null
 	@$(BIN)/python packaging/release_notes.py >dist/RELEASE_NOTES.md
 	@cd dist && sha256sum *.tar.gz *.whl *.deb >SHA256SUMS && ls -l
+
+next-python: ## Run the unit tests on Python 3.13, in a Debian 13 of its own: as root
+	@.ci/next_python
 
 hardware-report: install ## On a Pi: measure bus, chip and receiver for ten minutes, to one file
 	@$(BIN)/imu-tracker hardware-report --output hardware-report.json

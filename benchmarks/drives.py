@@ -49,10 +49,10 @@ def find_drive(scratch: Path) -> Drive:
     folder = os.environ.get(FOLDER_VARIABLE)
     path = Path(folder or "") / f"{REAL_DRIVE}.rec.gz"
     if folder and path.exists():
-        return _load(REAL_DRIVE, path, scratch)
+        return load(REAL_DRIVE, path, scratch)
     path = write_drive(scratch / "drive.rec.gz", REAL_DURATION_S)
     name = f"a simulated drive: {FOLDER_VARIABLE} leads to no {REAL_DRIVE}"
-    return _load(name, path, scratch)
+    return load(name, path, scratch)
 
 
 def write_drive(path: Path, duration_s: float) -> Path:
@@ -65,7 +65,8 @@ def write_drive(path: Path, duration_s: float) -> Path:
     return path
 
 
-def _load(name: str, path: Path, scratch: Path) -> Drive:
+def load(name: str, path: Path, scratch: Path) -> Drive:
+    """Read a recording for those who cannot."""
     header, *items = read_recording(path)
     assert isinstance(header, SessionHeader)
     frames = [item for item in items if isinstance(item, Frame)]

@@ -35,7 +35,7 @@ def run_plain_filterpy(drive: Drive) -> tuple[float, float]:
     Six states, one prediction a sample, one update a fix. No bias, no gate, no
     standstill, no late fixes, no radius. The quaternions are imu-tracker's.
     """
-    q_nb = _starting_attitude(drive)
+    q_nb = starting_attitude(drive)
     frame = LocalFrame.at(drive.fixes[0].lat_rad, drive.fixes[0].lon_rad)
     kf = KalmanFilter(dim_x=6, dim_z=4, dim_u=3)
     kf.x = np.zeros(6)
@@ -62,7 +62,13 @@ def run_plain_filterpy(drive: Drive) -> tuple[float, float]:
 
 
 def run_pyins(drive: Drive) -> tuple[float, float]:
-    """Filter a drive by pyins' feedback filter; return the last place in radians.
+    """Filter a drive by pyins' feedback filter; return the last place in radians."""
+    last = pyins_trajectory(drive).iloc[-1]
+    return math.radians(last.lat), math.radians(last.lon)
+
+
+def pyins_trajectory(drive: Drive) -> Any:
+    """Filter a drive by pyins' feedback filter; return its table of places.
 
     Fifteen states: the biases of a chip of this class are modelled, as its
     documentation shows; all else is its default. Source: python-ins 1.0,
@@ -81,7 +87,7 @@ def run_pyins(drive: Drive) -> tuple[float, float]:
         index=[fix.t_ns * 1e-9 - LATENCY_S for fix in drive.fixes],
         columns=util.LLA_COLS + util.VEL_COLS,
     )
-    rph_deg = [math.degrees(angle) for angle in to_euler(_starting_attitude(drive))]
+    rph_deg = [math.degrees(angle) for angle in to_euler(starting_attitude(drive))]
     start = pd.Series(
         [*gps.iloc[0], *rph_deg], index=util.TRAJECTORY_COLS, name=imu.index[0]
     )
@@ -105,11 +111,10 @@ def run_pyins(drive: Drive) -> tuple[float, float]:
             measurements.NedVelocity(gps, sd=VELOCITY_SIGMA_MPS),
         ],
     )
-    last: Any = result.trajectory.iloc[-1]
-    return math.radians(last.lat), math.radians(last.lon)
+    return result.trajectory
 
 
-def _starting_attitude(drive: Drive) -> Quat:
+def starting_attitude(drive: Drive) -> Quat:
     """Level by the first second, heading by the first course."""
     forces = [sample.accel_mps2 for sample in drive.samples[:LEVELLING_SAMPLES]]
     fx, fy, fz = np.mean(forces, axis=0).tolist()

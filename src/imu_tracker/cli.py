@@ -18,6 +18,8 @@ from typing import Final, NoReturn
 from imu_tracker import __version__
 from imu_tracker.commands.analysis.batch import add_batch
 from imu_tracker.commands.analysis.report import add_report
+from imu_tracker.commands.analysis.smooth import add_smooth
+from imu_tracker.commands.analysis.tune import add_tune
 from imu_tracker.commands.check import add_check
 from imu_tracker.commands.common import STDOUT, Output, Subparsers
 from imu_tracker.commands.export import add_export
@@ -49,6 +51,8 @@ _COMMANDS: Final = (
     add_publish,
     add_record,
     add_replay,
+    add_smooth,
+    add_tune,
     add_simulate,
     add_plot,
     add_export,

@@ -18,6 +18,7 @@ import pytest
 from imu_tracker.check.destinations import check_destinations
 from imu_tracker.config import load_config
 from imu_tracker.publish import worker as worker_module
+from imu_tracker.publish.senders import security
 from imu_tracker.publish.senders.mqtt import WINDOW
 from imu_tracker.publish.thinning import Placed, Rules, Thinner
 from imu_tracker.samples import Mode
@@ -29,6 +30,7 @@ from support.brokers import (
     Sent,
     Wire,
     certificates,
+    certificates_of_2040,
     mosquitto,
     needs_mosquitto,
     until,
@@ -365,6 +367,26 @@ def test_what_is_wrong_with_a_broker_is_said(tmp_path: Path) -> None:
         assert "No such file" in said
         other = {**good, "url": f"mqtts://127.0.0.2:{broker.port}"}
         assert "refused: nobody listens there" in refusals(tmp_path, **other)
+
+
+@pytest.mark.usefixtures("quick")
+# paho leaves the socket of a handshake that failed to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_clock_that_is_not_set_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    # To a Pi that woke up in 1970, or 2026, every certificate is of the future.
+    monkeypatch.setattr(security, "CLOCK_S", 0.05)
+    made = certificates_of_2040(tmp_path / "certificates")
+    log = tmp_path / "latlong.csv"
+    write_log(log, drive(3))
+    with mosquitto(tmp_path / "broker", *guarded(tmp_path, made)) as broker:
+        keys = {"url": f"mqtts://localhost:{broker.port}", "ca_file": made.ca}
+        keys |= {"kind": "mqtt", "credentials_file": credentials(tmp_path)}
+        with working(*arguments(log, tmp_path, "a", **keys)) as worker:
+            until(lambda: worker.errors > 3, "it is tried again and again")
+    assert caplog.text.count("the clock of this computer is not set") == 1
+    assert "waits until it is" in worker.last_error
 
 
 def test_check_logs_in_beside_a_publisher_and_disturbs_nothing(tmp_path: Path) -> None:

@@ -227,3 +227,20 @@ def test_over_ten_drives_the_promise_holds_in_the_dark() -> None:
     promises = np.concatenate([drive["outage_end_r95"] for drive in drives])
     assert np.mean(errors <= promises) >= 0.85
     assert np.median(promises) <= 60.0
+
+
+@is_real
+def test_a_telephone_that_pulls_off_is_not_sure_of_a_wrong_heading() -> None:
+    # It backs out, and its receiver holds the place meanwhile and follows late. The
+    # heading was wrong by half a turn at a sigma of 8 degrees; an outage of this time
+    # ended 200 to 700 m off, or at a radius of 351 m.
+    outage = Outage(100.0, 30.0)
+    replayed = real("phone_pulloff", (outage,))
+    assert_sound(replayed)
+    figures = replayed.figures
+    assert figures["with_gps"]["inside_r95"] >= 0.95
+    assert figures["outage"]["inside_r95"] >= 0.95
+    assert figures["outage_end_r95_median"] <= 250.0
+    notices = " ".join(replayed.pipeline.take_notices())
+    assert "backwards" not in notices
+    assert "orientation" not in notices

@@ -70,6 +70,27 @@ def certificates(folder: Path, days: int = 2) -> Certificates:
     return Certificates(ca, certificate, key)
 
 
+def certificates_of_2040(folder: Path) -> Certificates:
+    """Make a broker's certificate that the clock of today does not know yet."""
+    made = certificates(folder)
+    (folder / "index").touch()
+    (folder / "serial").write_text("01")
+    config = folder / "ca.conf"
+    config.write_text(
+        f"[ca]\ndefault_ca=own\n[own]\ndatabase={folder}/index\n"
+        f"serial={folder}/serial\nnew_certs_dir={folder}\ndefault_md=sha256\n"
+        "policy=any\n[any]\ncommonName=supplied\n"
+    )
+    command = (
+        f"ca -batch -config {config} -cert {made.ca} -keyfile {folder}/ca.key "
+        f"-in {folder}/broker.csr -out {made.certificate} -notext "
+        f"-startdate 20400101000000Z -enddate 20410101000000Z "
+        f"-extfile {folder}/extensions"
+    )
+    subprocess.run(["openssl", *command.split()], check=True, capture_output=True)
+    return made
+
+
 class Broker:
     """Mosquitto on a port of this computer.
 

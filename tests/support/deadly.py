@@ -21,13 +21,12 @@ def run(job: Job) -> Line:
 
 
 def main(folder: str, output: str) -> None:
-    """Run all with two workers, the second of which joins from outside."""
+    """Run all with a worker of a scheduler that stands at an address."""
     jobs = find_jobs([folder], Path(output), None, [])
-    cluster.run_job = run
     with cluster.workers(None, 1) as here:
         address = here.scheduler.address
         with cluster.workers(address) as client:
-            print(json.dumps(list(cluster.results(client, jobs))))
+            print(json.dumps(list(cluster.results(client, jobs, run))))
 
 
 if __name__ == "__main__":

@@ -368,7 +368,10 @@ def test_nobody_reaches_past_the_door_of_a_room(name: str) -> None:
 
 
 UNIT_TESTS = REPOSITORY / "tests" / "unit"
-WHOLE = {"test_architecture", "test_fake_i2c", "test_figures", "test_pins"}
+WHOLE = {
+    *("test_architecture", "test_fake_i2c", "test_figures", "test_packaging"),
+    "test_pins",
+}
 """Tests of the repository as a whole and of its fakes, at the top of tests/unit/."""
 
 

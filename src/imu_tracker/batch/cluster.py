@@ -6,7 +6,7 @@ So those are tried again at the end, one at a time: only the deadly one fails.
 """
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
@@ -73,18 +73,20 @@ def workers(scheduler: str | None, count: int | None = None) -> "Iterator[Client
             yield client
 
 
-def results(client: "Client", jobs: Sequence[Job]) -> Iterator[Line]:
+def results(
+    client: "Client", jobs: Sequence[Job], run: Callable[[Job], Line] = run_job
+) -> Iterator[Line]:
     """Yield a line for each job, as they are done; what fails, fails alone."""
     suspects: list[Job] = []
     at_once = max(1, sum(client.nthreads().values()))
-    for job, future in _futures(client, jobs, at_once):
+    for job, future in _futures(client, run, jobs, at_once):
         if future.status == "finished":
             yield future.result()
         elif _has_lost_its_worker(error := future.exception()):
             suspects.append(job)
         else:
             yield failed_line(job, _reason(error))
-    for job, future in _futures(client, suspects, at_once=1):
+    for job, future in _futures(client, run, suspects, at_once=1):
         if future.status == "finished":
             yield future.result()
         else:
@@ -92,7 +94,7 @@ def results(client: "Client", jobs: Sequence[Job]) -> Iterator[Line]:
 
 
 def _futures(
-    client: "Client", jobs: Sequence[Job], at_once: int
+    client: "Client", run: Callable[[Job], Line], jobs: Sequence[Job], at_once: int
 ) -> "Iterator[tuple[Job, Future]]":
     """Submit jobs, so many at once; yield them when they are over."""
     from distributed import as_completed
@@ -104,7 +106,7 @@ def _futures(
     def submit_next() -> None:
         job = next(waiting, None)
         if job is not None:
-            future = client.submit(run_job, job, pure=False)
+            future = client.submit(run, job, pure=False)
             running[future.key] = job
             done.add(future)
 

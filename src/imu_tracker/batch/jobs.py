@@ -11,6 +11,7 @@ import hashlib
 import json
 import math
 import os
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,7 @@ from imu_tracker.errors import (
 )
 from imu_tracker.recording.files import is_recording, read_recording
 from imu_tracker.recording.layout import is_cut
+from imu_tracker.recording.smoothing import Smoothing
 from imu_tracker.report.collect import Collected, Tracked
 from imu_tracker.report.findings import findings_of
 from imu_tracker.samples import Mode, NavState
@@ -46,6 +48,7 @@ class Job(NamedTuple):
     output: str  # absolute, without suffix
     config: str | None
     overrides: tuple[str, ...]
+    is_smoothed: bool = False
 
     @property
     def log(self) -> Path:
@@ -59,7 +62,12 @@ class Job(NamedTuple):
 
 
 def find_jobs(
-    patterns: Iterable[str], output: Path, config: Path | None, overrides: list[str]
+    patterns: Iterable[str],
+    output: Path,
+    config: Path | None,
+    overrides: list[str],
+    *,
+    is_smoothed: bool = False,
 ) -> list[Job]:
     """Find recordings in folders, by globs, or by name.
 
@@ -80,8 +88,9 @@ def find_jobs(
         stem = name.removesuffix(".gz").removesuffix(".rec")
         # drive.rec and drive.rec.gz are two recordings.
         stem += "-gz" * (name.endswith(".gz") and path.with_suffix("") in paths)
-        out = str(target / stem)
-        jobs.append(Job(str(path), name, out, chosen, tuple(overrides)))
+        where = str(target / stem)
+        how = chosen, tuple(overrides), is_smoothed
+        jobs.append(Job(str(path), name, where, *how))
     return jobs
 
 
@@ -119,7 +128,8 @@ def fingerprint(job: Job) -> str:
     if job.config is not None:
         with suppress(OSError):
             config = Path(job.config).read_text("utf-8", "replace")
-    text = "\n".join([__version__, job.recording, file, config, *job.overrides])
+    how = "smooth" if job.is_smoothed else "replay"
+    text = "\n".join([__version__, how, job.recording, file, config, *job.overrides])
     return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:16]
 
 
@@ -159,8 +169,12 @@ def _tracked(job: Job, config: Config) -> Line:
     if not is_recording(path):
         next(read_recording(path), None)  # says what is wrong with it
     tracked = Tracked(path.name, config)
+    rows: Iterable[NavState] = tracked.rows(read_recording(path))
+    if job.is_smoothed:  # the figures are the tracker's, which knew no future
+        deque(rows, maxlen=0)
+        rows = Smoothing(config).rows(read_recording(path))
     with _replacing(job.log) as new:
-        _write(new, tracked.rows(read_recording(path)))
+        _write(new, rows)
     collected = tracked.collected(is_cut=is_cut(path))
     return {"recording": job.name, "job": fingerprint(job), **line_of(collected)}
 

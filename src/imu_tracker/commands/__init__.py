@@ -10,6 +10,7 @@ __all__ = [
     "export",
     "plot",
     "record",
+    "recorded",
     "replay",
     "run",
     "simulate",

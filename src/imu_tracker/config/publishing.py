@@ -87,6 +87,7 @@ class PublishConfig(Table):
         ..., '"mqtt", "traccar" or "influx"'
     )
     url: str = key(..., "a URL")
+    tls: bool = key(False, "true, or false for what the URL begins with")
     format: Literal["json", "owntracks", "home-assistant"] = key(
         "json", '"json", "owntracks" or "home-assistant"'
     )
@@ -115,7 +116,10 @@ class PublishConfig(Table):
     @property
     def endpoint(self) -> Endpoint:
         """The URL in its parts."""
-        return endpoint_of(self.kind, self.url)
+        scheme, separator, rest = self.url.partition("://")
+        if self.tls and scheme in ("mqtt", "http"):
+            scheme += "s"
+        return endpoint_of(self.kind, f"{scheme}{separator}{rest}")
 
     @field_validator("url", mode="after")
     @classmethod

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from imu_tracker import __version__
 from imu_tracker.samples import Mode
-from imu_tracker.storage.metrics import metric
+from imu_tracker.storage.status_file import metric
 
 STATES: Final = ("starting", "waiting for the first fix", "tracking", "not logging")
 

@@ -2,7 +2,7 @@
 
 In: `ImuSample`, `GpsFix`. Out: `NavState` at the output rate, `Prediction`. `Tracker`
 owns time and the order of events, `settings` the choice of estimator. r95 comes from
-`estimate.r95_of` for one covariance, and from `error_state/hypotheses/mixture` for
+`estimate.r95_of` for one covariance, and from `error_state/hypotheses/combined` for
 several hypotheses. A late fix is handled by `error_state/fixed_lag`, or by `rewind` for
 six-state. Not here: decoding, files, clocks.
 """

@@ -1,6 +1,6 @@
 """What the tracker asks of an estimator, and what it gets.
 
-Estimators know nothing of arrival, latency or rows: they receive steps and fixes in the
+Estimators do not handle arrival, latency or rows: they receive steps and fixes in the
 order of the instants that these describe. `rewind` restores a snapshot of six-state
 when a fix comes late; arrays in a snapshot are never changed in place, so that a
 snapshot is a few references. Error-state needs no snapshots.

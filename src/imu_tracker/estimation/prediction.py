@@ -1,9 +1,8 @@
 """Where will it be: the way ahead, with a radius that grows honestly.
 
-The body is taken to go on at its speed and to finish its turn. What a newcomer gets
+The body is taken to go on at its speed and to finish its turn. Easily got
 wrong: after a few seconds the error is no longer the filter's but the driver's, who
-brakes and turns as he likes, and no state of the filter knows that beforehand. So the
-radius grows by what such bodies do.
+may brake and turn. So the radius grows by what such bodies do.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""How the tracker drives an estimator through time that is told late.
+"""Late fixes: how the tracker drives an estimator.
 
 A fix describes an instant in the past. There are two ways to live with that: go back
 to a snapshot of that instant and repeat the steps since (`Rewinding`, for estimators
@@ -22,7 +22,7 @@ HISTORY_NS: Final = 3_000_000_000
 """How late a fix may come: receivers that smooth their course take up to 2 s."""
 
 COAST_NS: Final = 100_000_000
-"""Length of a step through time in which the IMU says nothing."""
+"""Length of a step through an IMU gap."""
 
 USED_OUTCOMES: Final = (
     FixOutcome.INITIALISED,
@@ -37,7 +37,7 @@ class Navigator(Protocol):
     Attributes
     ----------
     in_hindsight : bool
-        Whether rest is used some time after it was told.
+        Whether standstill is used some time after it was detected.
     """
 
     in_hindsight: bool
@@ -62,7 +62,7 @@ class Navigator(Protocol):
     def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Take a fix at the instant that it describes.
 
-        `start_sigma_m` above zero begins anew at this fix, known so well.
+        With `start_sigma_m` above zero it starts again at this fix, with this sigma.
         """
 
     def estimate_after(self, dt_s: float) -> Estimate:
@@ -120,7 +120,7 @@ class Rewinding:
         self._estimator.start(lat_rad, lon_rad, sigma_m)
 
     def add_sample(self, sample: ImuSample) -> None:
-        """Nothing is heard."""
+        """Ignored: six-state has no wheel speed."""
 
     def add_step(self, step: ImuStep, rest: Rest | None) -> None:
         """Move on by a step, and remember the estimator after it."""
@@ -187,5 +187,5 @@ class Rewinding:
         return None
 
     def take_notices(self) -> list[str]:
-        """Nothing to say."""
+        """None: six-state reports no transitions."""
         return []

@@ -1,8 +1,9 @@
-"""What the configuration says to the estimation, and the estimator that it chooses."""
+"""The settings of the estimation, and the estimator that they choose."""
 
 from typing import Final, NamedTuple
 
 from imu_tracker.estimation.error_state.estimator import ErrorState
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
 from imu_tracker.estimation.rewind import Navigator, Rewinding
@@ -13,7 +14,7 @@ TYPICAL_LATENCY_S: Final = 0.2
 
 
 class TrackerSettings(NamedTuple):
-    """What the configuration says to the estimation."""
+    """The part of the configuration that the estimation needs."""
 
     estimator: str = "error-state"
     profile: str = "auto"
@@ -26,6 +27,7 @@ class TrackerSettings(NamedTuple):
     start_radius_m: float = 50.0
     prior: LearnedParameters | None = None  # what an earlier run learnt
     uses_wheels: bool = True
+    history: History | None = None  # keeps what happens, for a smoother
 
     @property
     def assumed_latency_s(self) -> float:
@@ -43,6 +45,7 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
             *(settings.profile, settings.lever_arm_m, prior),
             uses_wheels=settings.uses_wheels,
             fix_period=fix_period,
+            history=settings.history,
         )
     # Imported here: filterpy brings scipy and matplotlib, 1.3 s and 70 MB.
     from imu_tracker.estimation.six_state.estimator import SixState

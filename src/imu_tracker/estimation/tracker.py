@@ -33,12 +33,12 @@ the IMU, and no row may come half a second late."""
 
 REST_VETO_NS: Final = 10_000_000_000
 REST_VETO_FIXES: Final = 5
-"""Fixes that agree on another place speak against rest for the longer of these: until
-the filter has learnt the speed from them, when the receiver does not tell it."""
+"""Rejected fixes that agree veto standstill for the longer of these: until the filter
+has learnt the speed from them, when the receiver sends none."""
 
 START_FACTOR: Final = 10.0
-"""At its start the filter knows its place ten times worse than the first fix says:
-that fix is then taken like any other."""
+"""The filter starts with ten times the sigma of the first fix, which then corrects it
+like any other."""
 
 UNUSABLE_OUTCOMES: Final = (
     FixOutcome.TOO_LATE,
@@ -98,7 +98,7 @@ class Tracker:
     def advance(self, t_ns: int) -> list[NavState]:
         """Let stream time pass; return the rows that became due.
 
-        Called before what arrived at `t_ns` is told, and at any time when nothing
+        Called before what arrived at `t_ns` is passed in, and at any time when nothing
         arrives: rows are the same however often it is called.
         """
         rows: list[NavState] = []
@@ -262,7 +262,7 @@ class Tracker:
 
     @property
     def is_standing(self) -> bool:
-        """Whether the IMU shows that the body stands, whatever the receiver says."""
+        """Whether the IMU shows standstill, whatever the receiver reports."""
         return self._standstill.is_standing
 
     @property

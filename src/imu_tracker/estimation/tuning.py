@@ -82,7 +82,7 @@ what is new with each second is a third of its sigma."""
 
 BEST_LASTING_SIGMA_M: Final = 0.5
 """Per axis under the best sky without corrections: air and orbits. No scatter shows
-it, so that no quiet receiver is trusted beyond this unless it says so itself."""
+it: the lower limit of the learnt error unless the receiver claims less."""
 
 ALTITUDE_CORRELATION_S: Final = 10.0
 """Its lasting error has no state: altitudes of so many seconds count as one."""

@@ -26,7 +26,7 @@ _MARK: Final = "{{data}}"
 def html(points: Iterable[Point]) -> Iterator[str]:
     """Yield the page; the points are thinned when there are too many."""
     thinner = Thinner(MAX_POINTS)
-    thinner.take_all(points)
+    thinner.add_all(points)
     page = asset("page.html").replace("{{style}}", asset("map.css"))
     begin, _, end = page.replace("{{script}}", asset("map.js")).partition(_MARK)
     yield begin

@@ -38,13 +38,13 @@ class Thinner:
         self._limit = limit
         self._sieve = _Sieve(0.0)
 
-    def take_all(self, points: Iterable[Point]) -> None:
+    def add_all(self, points: Iterable[Point]) -> None:
         """Take a whole stream, with its end."""
         for point in points:
-            self.take(point)
+            self.add(point)
         self.points = self.with_end()
 
-    def take(self, point: Point) -> None:
+    def add(self, point: Point) -> None:
         """Take a point of a stream that has no end."""
         self.taken += 1
         self.points += self._sieve.feed(point)

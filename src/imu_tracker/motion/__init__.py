@@ -1,4 +1,4 @@
-"""What the IMU says without a receiver.
+"""What the IMU shows without a receiver.
 
 In: calibrated samples (`ImuSample`, body axes). Out: integrated steps of 40 ms,
 standstill (the condition of the zero-velocity update), vibration level, steps of a

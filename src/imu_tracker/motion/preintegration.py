@@ -51,7 +51,7 @@ class ImuStep(NamedTuple):
 
 
 def gap_step(t_ns: int, dt_s: float, temp_degc: float = math.nan) -> ImuStep:
-    """Step over a time in which the sensor said nothing."""
+    """Step over a gap of the sensor."""
     zero = (0.0, 0.0, 0.0)
     return ImuStep(
         t_ns, dt_s, zero, zero, 0, zero, zero, 0.0, 0.0, temp_degc, False, True

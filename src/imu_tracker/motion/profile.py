@@ -1,11 +1,11 @@
-"""What carries the box: found from how it moves, when nobody has said.
+"""The profile of the platform, found from how it moves.
 
 Until the evidence is in, the body is free: no constraint is ever applied to what might
 be a drone. A gait betrays a walker. A vehicle is what goes faster than anybody walks
 and takes its turns upright: aeroplanes, bicycles and motorcycles lean into them until
-nothing is felt across. A boat rolls on its way. The fact that a newcomer gets wrong: it
-is not the angle that tells, which is small in a wide turn, but its share of what the
-turn would need.
+nothing is felt across. A boat rolls on its way. The angle itself
+is no evidence, since it is small in a wide turn; its share of what would balance the
+turn is.
 """
 
 import math
@@ -43,7 +43,7 @@ _GRAVITY_MPS2: Final = 9.81
 
 
 class ProfileClassifier:
-    """Collects evidence; says the profile once it is clear, and keeps to it."""
+    """Collects evidence, and sets the profile once it is clear."""
 
     def __init__(self) -> None:
         self.profile = "free"

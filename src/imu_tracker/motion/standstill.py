@@ -1,10 +1,10 @@
-"""Standing still, by the IMU's own word.
+"""Standstill detection by the IMU.
 
 The most useful measurement there is without GPS, and the most dangerous: a creeping
 car that is taken to stand writes its turn into the gyro bias. So rest is claimed
 only when the vibration of a second lies below a level learnt from this very vehicle,
 the rate agrees with the bias, the force with gravity, and nothing that is known of
-the speed speaks against it.
+the speed contradicts it.
 """
 
 import math
@@ -27,7 +27,7 @@ PULLING_MPS2: Final = 0.1
 PULLING_AFTER_S: Final = 5.0
 REFERENCE_S: Final = 30.0
 """The mean force of a rest so long does not change until it goes: a tram pulls off by
-0.2 m/s^2 and shakes no more than before. Who gets in tips a car by 0.05."""
+0.2 m/s^2 and shakes no more than before. A passenger who gets in tips a car by 0.05."""
 
 MAX_BIAS_DEVIATION_RADPS: Final = math.radians(1.0)
 """A slow turn is no rest: a roundabout at walking pace turns 5 deg/s."""
@@ -54,16 +54,16 @@ AGREED_FIXES: Final = 3
 AGREED_FACTOR: Final = 4.0
 UNKNOWN_FACTOR: Final = 12.0
 UNKNOWN_BIAS_RADPS: Final = math.radians(0.1)
-"""While a receiver says, fix after fix, that the body stands, more shaking is allowed:
-an idling diesel, a fan, wind; and a propeller, as long as the gyro's bias is known
-worse than this. Rate and force must agree all the same. Its word comes late: only who
-tells rest in hindsight may use it."""
+"""While fix after fix reports standstill, more vibration is allowed: an idling diesel,
+a fan, wind; and a propeller, as long as the gyro's bias is known worse than this. Rate
+and force must agree all the same. The velocity comes late: only an estimator that
+confirms rest in hindsight may use it."""
 
 
 LOUDER: Final = 2.0
 MOVED_MPS2: Final = 0.15
 MOVED_RADPS: Final = math.radians(0.5)
-"""What no start from rest can hide, whatever a receiver says: vibration twice that of
+"""Signs of a start from rest, whatever a receiver reports: vibration twice that of
 the rest, or a mean force or rate that differs from the rest's."""
 
 
@@ -89,7 +89,7 @@ class StandstillDetector:
     Parameters
     ----------
     in_hindsight : bool
-        Rest is used a second or more after it was told.
+        Rest is used a second or more after it was detected.
 
     Attributes
     ----------
@@ -131,11 +131,11 @@ class StandstillDetector:
 
     @property
     def is_standing(self) -> bool:
-        """Whether by the IMU alone the last rest goes on, whatever a receiver says."""
+        """Whether by the IMU alone the last rest goes on."""
         return self._standing is not None
 
     def veto(self, until_ns: int) -> None:
-        """Refuse rest until then: something else says that the body moves."""
+        """Detect no rest until then: other evidence shows motion."""
         self._vetoed_until_ns = until_ns
         self._rest_since_ns = None
 
@@ -153,9 +153,9 @@ class StandstillDetector:
         ----------
         step : ImuStep
         gyro_bias_radps, gyro_bias_sigma_radps : Vec3, float
-            What the attitude filter believes of the bias.
+            The attitude filter's estimate of the bias.
         speed_mps, speed_sigma_mps : float
-            What the filter believes of the horizontal speed.
+            The filter's estimate of the horizontal speed.
         """
         if step.is_gap:
             self._window.clear()
@@ -248,7 +248,7 @@ class StandstillDetector:
         self._force = mean, lasted_s
 
     def _receiver_stands(self, t_ns: int) -> bool:
-        """Whether the receiver has said for some time that the body stands."""
+        """Whether the receiver has reported standstill for some time."""
         return (
             self._in_hindsight
             and t_ns - self._speed_ns < 3e9
@@ -262,6 +262,6 @@ class StandstillDetector:
             return True
         if self._speed_mps is not None and t_ns - self._speed_ns < 3e9:
             return self._speed_mps > MOVING_MPS
-        # Without a receiver a smooth motorway or a train is told from a stop only by
-        # what was felt of braking, and the speed that the filter still remembers.
+        # In an outage, standstill after smooth coasting needs measured braking of half
+        # the last known speed, and a filter that knows no other speed.
         return self._gliding is not None or speed_mps > 1.0 + 3.0 * speed_sigma_mps

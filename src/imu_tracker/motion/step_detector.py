@@ -1,6 +1,6 @@
 """Whether somebody walks: the force comes and goes as steps do.
 
-The fact that a newcomer gets wrong: strength alone tells nothing. Cobbles, propellers
+Easily got wrong: strength alone is no evidence. Cobbles, propellers
 and waves shake as much as a walker does, but faster or slower.
 """
 

@@ -1,8 +1,8 @@
-"""How much a vehicle shakes at rest and in motion, and what tells the two apart.
+"""How much a vehicle shakes at rest and in motion, and what separates the two.
 
 The noise of an engine that idles, and that of a smooth road, differ by ten between one
-vehicle and the next. The fact that a newcomer gets wrong: what must be told from rest
-is not the mean of all roads, but the slowest and smoothest there is.
+vehicle and the next. Easily got wrong: what must be separated from
+rest is not the mean of all roads, but the slowest and smoothest there is.
 """
 
 import math
@@ -15,12 +15,12 @@ START_ACCEL_STD_MPS2: Final = 0.15
 100 Hz show up to three times that; smooth asphalt shakes more."""
 
 LEARNING_SHARE: Final = 0.05
-"""What a fix adds to a level: some twenty fixes tell a vehicle from another."""
+"""What a fix adds to a level: some twenty fixes distinguish vehicles."""
 
 QUIETER_SHARE: Final = 0.3
 LOUDER_SHARE: Final = 0.01
-"""The same where it moves more quietly, or louder, than it did: what must be told from
-rest is the slow and smooth, not the mean of all roads."""
+"""The same where it moves more quietly, or louder, than it did: what must be separated
+from rest is the slow and smooth, not the mean of all roads."""
 
 FLOOR_FACTOR: Final = 0.25
 CEILING_FACTOR: Final = 2.5
@@ -28,7 +28,8 @@ CEILING_FACTOR: Final = 2.5
 
 _LOG_WAVERING: Final = math.log(1.25)
 """A level at rest wavers by so much. An idling engine may shake more than a smooth
-road: what does not tell the two apart must not forbid rest; the other sensor tells."""
+road: a sensor that does not separate the two must not forbid rest; the other one
+separates them."""
 
 Levels: TypeAlias = tuple[tuple[bool, float, float], ...]
 """Vibration of gyro (rad/s) and accelerometer (m/s^2), moving (True) and at rest."""

@@ -14,8 +14,7 @@ from typing import Any, Final, Self
 
 from imu_tracker.errors import OutputError
 from imu_tracker.publish.thinning import Placed
-from imu_tracker.storage.append_file import make_directories
-from imu_tracker.storage.atomic import replace_file
+from imu_tracker.storage.atomic import make_directories, replace_file
 from imu_tracker.storage.latlong import LogRow
 from imu_tracker.storage.log_tail import TailPosition
 

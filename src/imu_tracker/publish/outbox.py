@@ -99,7 +99,8 @@ class Outbox:
         self.is_at_end = False
         self._begin_reading()
         for _ in range(ROWS_A_TURN):
-            if len(self._ready) >= limit and not self._selection.is_newest_only:
+            # One more than is taken: only so the last one is known to be the newest.
+            if len(self._ready) > limit and not self._selection.is_newest_only:
                 break
             row = next(self._rows, None)
             if row is None:
@@ -112,6 +113,11 @@ class Outbox:
         taken, self._ready = self._ready[:limit], self._ready[limit:]
         last = len(taken) - 1 if self.is_at_end and not self._ready else -1
         return [Entry(placed, number == last) for number, placed in enumerate(taken)]
+
+    @property
+    def ready_rows(self) -> int:
+        """Rows that were read and are due, and not taken yet."""
+        return len(self._ready)
 
     def settle(self, row: LogRow) -> None:
         """Note, for newest rows only, that the destination has this one."""

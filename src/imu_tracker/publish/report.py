@@ -31,7 +31,7 @@ from imu_tracker.config.publishing import PublishConfig
 from imu_tracker.publish.waiting import Waiting
 from imu_tracker.publish.worker import Worker
 from imu_tracker.storage.latlong import format_utc
-from imu_tracker.storage.metrics import metric
+from imu_tracker.storage.status_file import metric
 
 VERSION: Final = 1
 

@@ -49,23 +49,21 @@ class Waiting:
 
     def count(self) -> None:
         """Count a bounded number of rows, and what was deleted meanwhile."""
-        rows = list(islice(self._rows, ROWS_A_TURN))
-        if not rows:
+        found = self._count_some()
+        if not found:
             self._rows = self._tail.rows()
-            rows = list(islice(self._rows, ROWS_A_TURN))
-        for number, start_s in enumerate(self._starts_s):
-            self._counted[number] += sum(row.utc_s > start_s for row in rows)
-        if rows:
-            self._newest_s = rows[-1].utc_s
+            found = self._count_some()
         self._look_for_deleted()
-        if len(rows) < ROWS_A_TURN:
+        if found < ROWS_A_TURN:
             self._end_ns, self._at_end = time.monotonic_ns(), list(self._counted)
 
     def unsent_rows(self, number: int) -> int:
         """Return how many rows wait for a destination."""
         worker = self._workers[number]
+        if worker.is_newest_only:
+            return worker.waiting_rows
         unread = self._counted[number] - self._passed(number)
-        return max(0, unread) + worker.waiting_rows
+        return max(0, unread) + worker.outbox.ready_rows + worker.waiting_rows
 
     def behind_newest_s(self, utc_s: float) -> float:
         """Return how much older than the newest row a time is."""
@@ -74,6 +72,15 @@ class Waiting:
     def close(self) -> None:
         """Let the log go."""
         self._tail.close()
+
+    def _count_some(self) -> int:
+        found = 0
+        for row in islice(self._rows, ROWS_A_TURN):
+            found += 1
+            self._newest_s = row.utc_s
+            for number, start_s in enumerate(self._starts_s):
+                self._counted[number] += row.utc_s > start_s
+        return found
 
     def _passed(self, number: int) -> int:
         return self._workers[number].outbox.read_rows + self.deleted_rows[number]

@@ -87,7 +87,7 @@ class Worker:
         self.name = name
         self.outbox, self.cursor = outbox, cursor
         self._sender, self._stop = sender, stop
-        self.is_once, self._is_newest_only = is_once, is_newest_only
+        self.is_once, self.is_newest_only = is_once, is_newest_only
         self._backoff = Backoff(Random())
         self._waiting: deque[Entry] = deque()  # taken from the outbox
         self._on_their_way = 0  # so many of them, the oldest
@@ -144,7 +144,7 @@ class Worker:
 
     def _connect(self) -> None:
         self._on_their_way = 0
-        if not self._is_newest_only:
+        if not self.is_newest_only:
             self._take()  # so that the status says what waits
         self._sender.open()
         self.outbox.begin()
@@ -161,7 +161,7 @@ class Worker:
 
     @property
     def _limit(self) -> int:
-        return 1 if self._is_newest_only else self._sender.window
+        return 1 if self.is_newest_only else self._sender.window
 
     @property
     def _is_full(self) -> bool:
@@ -205,7 +205,7 @@ class Worker:
     def _has_done_all(self) -> bool:
         if not self.is_once:
             return False
-        if self._is_newest_only:
+        if self.is_newest_only:
             late_ns = time.monotonic_ns() - self._begun_ns
             self.is_done = self.sent_rows > 0 or late_ns > ONCE_S * 1e9
             if self.is_done and not self.sent_rows:
@@ -219,7 +219,7 @@ class Worker:
     def _fail(self, error: DestinationError) -> None:
         self._sender.close()
         self._on_their_way = 0
-        if self._is_newest_only:
+        if self.is_newest_only:
             self._waiting.clear()
         self.cursor.save()
         self.is_failing, self.last_error = True, str(error)

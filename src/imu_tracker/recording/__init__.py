@@ -4,4 +4,15 @@ In: frames or a path. Out: frames, scores, sensor reports. Not here: live source
 (`sources/`), estimation.
 """
 
-__all__ = ["capture", "edit", "files", "layout", "replay", "scoring", "sensor_report"]
+__all__ = [
+    "advice",
+    "capture",
+    "edit",
+    "files",
+    "layout",
+    "replay",
+    "scoring",
+    "sensor_report",
+    "smoothing",
+    "tuning",
+]

@@ -11,6 +11,7 @@ import numpy as np
 
 from imu_tracker.calibration.corrected import Corrections
 from imu_tracker.config import Config
+from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.recording.edit import Outage, Stopwatch
 from imu_tracker.recording.scoring import Track, score
@@ -50,6 +51,8 @@ class Replay:
     ) -> None:
         self._config, self._corrections, self._state = config, corrections, state
         self._pipeline: Pipeline | None = None
+        self._last_utc_s = self._begin_utc_s = -math.inf
+        self._frame: Frame | None = None  # the last one
         self._now_ns: int | None = None  # of this session
         self._stopwatch = Stopwatch()
         self._sessions = 0
@@ -66,28 +69,42 @@ class Replay:
         Only where many epochs agree that the session's dates were wrong they go back,
         by more than a minute: a new log begins there.
         """
-        last_utc_s = begin_utc_s = -math.inf
         for item in stream:
-            self._elapsed_s = self._stopwatch.read(item)
             if isinstance(item, SessionHeader):
+                yield from self._kept(self.remaining())
+                self._elapsed_s = self._stopwatch.read(item)
                 self._begin(item)
-                begin_utc_s = last_utc_s
+                self._begin_utc_s = self._last_utc_s
                 continue
+            self._elapsed_s = self._stopwatch.read(item)
             if self._pipeline is None:
                 raise ValueError("a stream begins with its header")
+            self._frame = item
             for due in self._due_rows(self._pipeline, item):
                 self._tell()
-                for state in due:
-                    is_new_log = begin_utc_s < last_utc_s and goes_back(
-                        state, last_utc_s
-                    )
-                    if state.utc_s <= last_utc_s and not is_new_log:
-                        self._counters["skipped_rows"] += 1
-                        continue
-                    last_utc_s = state.utc_s
-                    self._keep(item, state)
-                    yield state
+                yield from self._kept(self.finished(due))
         self._tell()
+        yield from self._kept(self.remaining())
+
+    def finished(self, due: list[NavState]) -> list[NavState]:
+        """Return the rows to be given out now that `due` have come."""
+        return due
+
+    def remaining(self) -> list[NavState]:
+        """Return the rows to be given out at the end of a session."""
+        return []
+
+    def _kept(self, rows: list[NavState]) -> Iterator[NavState]:
+        """Pass rows on whose times grow, or go back because they were wrong."""
+        for state in rows:
+            last_utc_s = self._last_utc_s
+            is_new_log = self._begin_utc_s < last_utc_s and goes_back(state, last_utc_s)
+            if state.utc_s <= last_utc_s and not is_new_log:
+                self._counters["skipped_rows"] += 1
+                continue
+            self._last_utc_s = state.utc_s
+            self._keep(state)
+            yield state
 
     def _due_rows(self, pipeline: Pipeline, frame: Frame) -> Iterator[list[NavState]]:
         """Feed a frame; the rows of a long silence before it come minute by minute."""
@@ -149,15 +166,19 @@ class Replay:
             mount = settings.mount or header.mount or DEFAULT_MOUNT
             sensor = sensor_of(header.chip, mount, self._corrections)
             settings = settings._replace(prior=self._state.begin(sensor))
-        self._pipeline = Pipeline(header, settings, corrections=self._corrections)
+        self._pipeline = self.pipeline(header, settings)
+
+    def pipeline(self, header: SessionHeader, settings: TrackerSettings) -> Pipeline:
+        """Make the pipeline of a session."""
+        return Pipeline(header, settings, corrections=self._corrections)
 
     def _set_learned(self) -> None:
         if self._state is not None and self._pipeline is not None:
             self._state.set_learned(self._pipeline.learned_parameters())
 
-    def _keep(self, item: Frame, state: NavState) -> None:
-        if self._zero_utc_s is None:
-            row_s = self._elapsed_s - (item.t_ns - state.t_ns) / 1e9
+    def _keep(self, state: NavState) -> None:
+        if self._zero_utc_s is None and self._frame is not None:
+            row_s = self._elapsed_s - (self._frame.t_ns - state.t_ns) / 1e9
             self._zero_utc_s = state.utc_s - row_s
         row = (
             state.utc_s,

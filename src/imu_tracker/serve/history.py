@@ -36,7 +36,7 @@ class History:
             self._segment += 1
         self._last = row
         self._thinner.drop_before(row.utc_s - self._seconds)
-        self._thinner.take(Point("", self._segment, row))
+        self._thinner.add(Point("", self._segment, row))
 
     def data(self) -> dict[str, Any]:
         """Return it as the page wants it."""

@@ -11,7 +11,6 @@ __all__ = [
     "calibration_file",
     "latlong",
     "log_tail",
-    "metrics",
     "state_file",
     "state_model",
     "status_file",

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from imu_tracker.errors import OutputError
-from imu_tracker.storage.atomic import lock_path
+from imu_tracker.storage.atomic import lock_path, make_directories
 from imu_tracker.storage.rotated_files import (
-    DIRECTORY_MODE,
     FILE_MODE,
     RotatedFiles,
     sync_directory,
@@ -233,7 +232,7 @@ class AppendFile:
             raise
         if size is None:
             os.close(fd)
-            moved = self.rotated.take()
+            moved = self.rotated.rotate()
             log.warning("%s: had another format, moved to %s", self.path, moved)
             self._open()
             return
@@ -259,7 +258,7 @@ class AppendFile:
     def _rotate(self, fd: int) -> None:
         try:
             os.fsync(fd)
-            self.rotated.take()
+            self.rotated.rotate()
         except OSError as error:
             log.warning("%s: cannot be rotated: %s", self.path, error.strerror)
             self._rotate_at_bytes = self._size + self._max_bytes / 16
@@ -298,10 +297,3 @@ def is_foreign(path: Path, layout: Layout) -> bool:
     """Whether a file is there that would be refused as somebody else's."""
     with path.open("rb") as file:
         return layout.whole_size(file) is None and not layout.is_our_format(file)
-
-
-def make_directories(directory: Path) -> None:
-    """Make a directory and its parents for the owner and the group only."""
-    if not directory.exists():
-        make_directories(directory.parent)
-        directory.mkdir(DIRECTORY_MODE, exist_ok=True)

@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 
 from imu_tracker.errors import OutputError
-from imu_tracker.storage.rotated_files import FILE_MODE, sync_directory
+from imu_tracker.storage.rotated_files import DIRECTORY_MODE, FILE_MODE, sync_directory
 
 
 def replace_file(path: Path, data: bytes) -> None:
@@ -54,3 +54,10 @@ def lock_path(path: Path) -> int:
             f"{path}: another process is writing it; end that or choose another path"
         ) from error
     return fd
+
+
+def make_directories(directory: Path) -> None:
+    """Make a directory and its parents for the owner and the group only."""
+    if not directory.exists():
+        make_directories(directory.parent)
+        directory.mkdir(DIRECTORY_MODE, exist_ok=True)

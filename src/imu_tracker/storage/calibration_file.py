@@ -251,8 +251,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     OutputError
         When the disk refuses; what stood there before still stands.
     """
-    from imu_tracker.storage.append_file import make_directories
-    from imu_tracker.storage.atomic import replace_file
+    from imu_tracker.storage.atomic import make_directories, replace_file
 
     text = json.dumps(calibration.model_dump(), indent=1, allow_nan=False)
     try:

@@ -290,6 +290,6 @@ def parse_row(line: bytes) -> LogRow:
 def put_aside(path: Path) -> Path:
     """Rename a log after its first row, and return its new name; OutputError."""
     try:
-        return RotatedFiles(path, _first_utc).take()
+        return RotatedFiles(path, _first_utc).rotate()
     except OSError as error:
         raise OutputError(f"{path}: cannot be renamed: {error.strerror}") from error

@@ -70,7 +70,7 @@ class RotatedFiles:
         if not self._is_packed:
             self._unpacked = [path for path in self.find() if path.suffix != ".gz"]
 
-    def take(self) -> Path:
+    def rotate(self) -> Path:
         """Rename the file that is written now; the caller opens a new one."""
         target = self._free_name()
         self._path.rename(target)

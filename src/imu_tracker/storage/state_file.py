@@ -72,8 +72,7 @@ def write_state(path: Path, learnt: LearnedParameters, sensor: Sensor) -> None:
     StateError
         When what was learnt is not plausible, and must not be begun with.
     """
-    from imu_tracker.storage.append_file import make_directories
-    from imu_tracker.storage.atomic import replace_file
+    from imu_tracker.storage.atomic import make_directories, replace_file
 
     try:
         state = State.of(learnt, sensor)

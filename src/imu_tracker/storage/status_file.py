@@ -6,13 +6,13 @@ import math
 import operator
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from imu_tracker.errors import NotRunningError
-from imu_tracker.storage.append_file import make_directories
+from imu_tracker.storage.atomic import make_directories
 from imu_tracker.storage.rotated_files import FILE_MODE
 
 STALE_S: Final = 5.0
@@ -20,6 +20,12 @@ STALE_S: Final = 5.0
 
 _MAX_CHARACTERS: Final = 1_000_000
 """A hundred times what the daemon writes."""
+
+PREFIX: Final = "imu_tracker_"
+"""Of metrics, lines of text for the textfile collector of the node exporter.
+
+Source: Prometheus' text exposition format, version 0.0.4; its names and base units.
+"""
 
 log = logging.getLogger(__name__)
 
@@ -140,3 +146,18 @@ def _plain(value: Any) -> Any:
             return [_plain(item) for item in value]
         case _:
             return value
+
+
+def metric(
+    name: str, kind: str, text: str, samples: list[tuple[dict[str, str], float]]
+) -> Iterator[str]:
+    """Yield the lines of a metric, a sample for each set of labels."""
+    yield f"# HELP {PREFIX}{name} {text}"
+    yield f"# TYPE {PREFIX}{name} {kind}"
+    for labels, value in samples:
+        pairs = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
+        yield f"{PREFIX}{name}{f'{{{pairs}}}' if pairs else ''} {value}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

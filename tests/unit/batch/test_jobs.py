@@ -55,6 +55,19 @@ def test_the_log_is_that_of_replay_and_the_figures_those_of_report(
     assert line["faults"] == ""
 
 
+def test_a_smoothed_log_is_that_of_smooth_and_the_figures_stay(
+    recording: Path, tmp_path: Path
+) -> None:
+    line = run_job(job_of(recording, tmp_path / "out"))
+    job = job_of(recording, tmp_path / "out")._replace(is_smoothed=True)
+    assert done_before(job) is None
+    smoothed = run_job(job)
+    alone = tmp_path / "alone.csv"
+    assert main(["smooth", "-q", str(recording), "--output", str(alone)]) == 0
+    assert job.log.read_bytes() == alone.read_bytes()
+    assert {**smoothed, "job": ""} == {**line, "job": ""}
+
+
 def test_a_job_that_was_done_is_known_again_until_something_changes(
     recording: Path, tmp_path: Path
 ) -> None:

@@ -366,3 +366,26 @@ def test_what_cannot_be_drawn_is_one_line(
     err = capsys.readouterr().err
     assert problem in err
     assert err.count("\n") == 1
+
+
+def test_smooth_has_the_rows_of_replay_and_is_nearer_in_the_outage(
+    drive: str, truth: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scores, rows = [], []
+    for command in ("replay", "smooth"):
+        argv = [command, drive, "-q", "--truth", truth, "--json", "--gps-outage"]
+        assert main([*argv, "60:30", "--output", f"{command}.csv"]) == 0
+        scores.append(json.loads(capsys.readouterr().out)["score"]["outage"])
+        rows.append(Path(f"{command}.csv").read_text().splitlines())
+    assert rows[1][0] == HEADER
+    assert [row.partition(",")[0] for row in rows[0]] == [
+        row.partition(",")[0] for row in rows[1]
+    ]
+    assert scores[1]["rms"] < scores[0]["rms"]
+
+
+def test_only_the_error_state_filter_can_be_smoothed(
+    drive: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["smooth", drive, "--set", "filter.estimator=six-state"]) == 78
+    assert "filter.estimator = six-state" in capsys.readouterr().err

@@ -147,3 +147,13 @@ def test_ports_and_hosts_are_as_usual(
 ) -> None:
     endpoint = endpoint_of(kind, url)
     assert (endpoint.host, endpoint.port) == (host, port)
+
+
+@pytest.mark.parametrize(
+    ("url", "port"),
+    [("mqtt://broker", 8883), ("mqtt://broker:1234", 1234), ("mqtts://broker", 8883)],
+)
+def test_tls_encrypts_whatever_the_url_begins_with(url: str, port: int) -> None:
+    settings = [HOME[0], f"publish.home.url={url}", "publish.home.tls=true"]
+    (home,) = load_config(None, settings).publish
+    assert (home.endpoint.port, home.endpoint.is_tls) == (port, True)

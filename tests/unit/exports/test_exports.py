@@ -376,7 +376,7 @@ def test_a_long_log_takes_no_more_memory_than_a_short_one(write: Write) -> None:
 
 def test_a_map_keeps_so_many_points_and_the_ends_of_each_outage() -> None:
     thinner = Thinner(1000)
-    thinner.take_all(endless(20_000))
+    thinner.add_all(endless(20_000))
     kept = [point.row for point in thinner.points]
     assert thinner.taken == 20_000
     assert len(kept) <= 1000
@@ -389,14 +389,14 @@ def test_a_map_keeps_so_many_points_and_the_ends_of_each_outage() -> None:
 
 def test_what_stands_still_takes_two_points_when_room_is_scarce() -> None:
     thinner = Thinner(100)
-    thinner.take_all(Point("a", 0, a_row(i / 4, mode="still")) for i in range(10_000))
+    thinner.add_all(Point("a", 0, a_row(i / 4, mode="still")) for i in range(10_000))
     assert len(thinner.points) <= 2 + 1
     assert thinner.points[-1].row.utc_s == NOON_S + 9_999 / 4
 
 
 def test_a_growing_radius_stays_on_the_map_when_nothing_moves() -> None:
     thinner = Thinner(100)
-    thinner.take_all(
+    thinner.add_all(
         Point("a", 0, a_row(i / 4, mode="dr", r95_m=4.0 + i / 10)) for i in range(1000)
     )
     radii = [point.row.r95_m for point in thinner.points]
@@ -406,7 +406,7 @@ def test_a_growing_radius_stays_on_the_map_when_nothing_moves() -> None:
 def test_more_runs_than_points_still_end() -> None:
     thinner = Thinner(100)
     modes = itertools.cycle(["gps", "dr"])
-    thinner.take_all(Point("a", 0, a_row(i / 4, mode=next(modes))) for i in range(1000))
+    thinner.add_all(Point("a", 0, a_row(i / 4, mode=next(modes))) for i in range(1000))
     assert 50 <= len(thinner.points) <= 101
 
 

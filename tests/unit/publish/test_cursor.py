@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from imu_tracker.errors import OutputError
 from imu_tracker.publish.cursor import SAVE_NS, Cursor
@@ -86,3 +88,37 @@ def test_a_disk_that_refuses_is_told_once_and_tried_again(
         cursor.save()
         saved = json.loads((tmp_path / "there" / "cursor-home.json").read_text())
         assert saved["row"][0] == NOON_S + 2
+
+
+anything = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text()),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=9), st.dictionaries(st.text(), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+keys = st.fixed_dictionaries(
+    {},
+    optional={
+        "version": st.one_of(st.just(1), anything),
+        "rows": anything,
+        "row": st.one_of(st.lists(anything, min_size=8, max_size=8), anything),
+        "position": st.one_of(
+            st.fixed_dictionaries(dict.fromkeys(TailPosition._fields, anything)),
+            anything,
+        ),
+    },
+)
+
+
+@given(found=st.one_of(keys, anything))
+def test_a_cursor_of_anything_is_a_cursor_or_none(
+    tmp_path_factory: pytest.TempPathFactory, found: object
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / "any"
+    folder.mkdir(exist_ok=True)
+    (folder / "cursor-home.json").write_text(json.dumps(found))
+    with Cursor(folder, "home") as cursor:
+        if cursor.placed is not None:
+            # What is kept can be sent on, and be saved again.
+            cursor.move(cursor.placed)

@@ -1,18 +1,13 @@
 """Cursors and what waits: each row once, across restarts and rotations."""
 
 import gzip
-import json
-import os
 from pathlib import Path
 
 import pytest
 
-from imu_tracker.errors import OutputError
-from imu_tracker.publish.cursor import SAVE_NS, Cursor
 from imu_tracker.publish.outbox import Outbox, Selection
-from imu_tracker.publish.thinning import Placed, Rules
+from imu_tracker.publish.thinning import Rules
 from imu_tracker.storage.latlong import HEADER
-from imu_tracker.storage.log_tail import TailPosition
 from support.published import NOON_S, drive, line, row, write_log
 
 EVERY = Selection(Rules(moving_s=0))
@@ -49,6 +44,14 @@ def test_a_restart_goes_on_behind_the_row_that_was_taken(log: Path) -> None:
     again = Outbox(log, EVERY, taken[1].placed)
     assert seconds(again) == [0.5, 0.75, 1.0]
     again.close()
+
+
+def test_the_newest_is_known_when_just_as_many_are_taken(log: Path) -> None:
+    # It was sent as history, and a live map showed the row before for five minutes.
+    write_log(log, [row(0), row(10), *(row(11 + n) for n in range(5))])
+    outbox = Outbox(log, Selection(Rules()), None)
+    assert [entry.is_newest for entry in outbox.take(2)] == [False, True]
+    outbox.close()
 
 
 @pytest.mark.parametrize("is_packed", [False, True])
@@ -112,81 +115,6 @@ def test_newest_rows_are_ten_seconds_apart_whatever_happens(log: Path) -> None:
             sent.append(entry.row.utc_s - NOON_S)
     assert sent == [0, 10, 20]
     outbox.close()
-
-
-def placed(second: float) -> Placed:
-    return Placed(row(second), TailPosition(NOON_S + second, 7, 100))
-
-
-def test_a_cursor_outlasts_its_process(tmp_path: Path) -> None:
-    with Cursor(tmp_path / "cursors", "home") as cursor:
-        cursor.move(placed(1))
-        cursor.move(placed(2))
-    with Cursor(tmp_path / "cursors", "home") as again:
-        assert again.placed == placed(2)
-        assert again.rows == 2
-    path = tmp_path / "cursors" / "cursor-home.json"
-    assert path.stat().st_mode & 0o777 == 0o640
-
-
-def test_a_cursor_is_saved_at_most_once_in_five_seconds(tmp_path: Path) -> None:
-    path = tmp_path / "cursor-home.json"
-
-    def saved() -> float:
-        return float(json.loads(path.read_text())["row"][0]) - NOON_S
-
-    with Cursor(tmp_path, "home") as cursor:
-        cursor.move(placed(1))
-        cursor.save_if_due(0)
-        cursor.move(placed(2))
-        cursor.save_if_due(SAVE_NS - 1)
-        assert saved() == 1
-        cursor.save_if_due(SAVE_NS)
-        assert saved() == 2
-
-
-def test_a_cursor_has_one_process(tmp_path: Path) -> None:
-    refused = pytest.raises(OutputError, match="another imu-tracker publish has it")
-    with Cursor(tmp_path, "home"), Cursor(tmp_path, "other"), refused:
-        Cursor(tmp_path, "home")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *("", "{", "[]", '{"version": 2}', '{"version": 1, "position": {}, "row": []}'),
-        '{"version":1,"rows":1,"position":{"x":1},"row":[1,2,3,4,5,6,7,"gps"]}',
-    ],
-)
-def test_a_damaged_cursor_begins_again_and_is_told(
-    tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    (tmp_path / "cursor-home.json").write_text(text)
-    with Cursor(tmp_path, "home") as cursor:
-        assert cursor.placed is None
-    assert "is no cursor" in caplog.text
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_directory_that_may_not_be_written_is_told(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(OutputError, match="cannot be kept there"):
-        Cursor(tmp_path / "x", "home")
-
-
-def test_a_disk_that_refuses_is_told_once_and_tried_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    with Cursor(tmp_path / "there", "home") as cursor:
-        (tmp_path / "there").rename(tmp_path / "gone")
-        for second in range(3):
-            cursor.move(placed(second))
-            cursor.save()
-        assert caplog.text.count("cannot be written") == 1
-        (tmp_path / "gone").rename(tmp_path / "there")
-        cursor.save()
-        saved = json.loads((tmp_path / "there" / "cursor-home.json").read_text())
-        assert saved["row"][0] == NOON_S + 2
 
 
 def test_a_log_that_is_empty_has_nothing(log: Path) -> None:

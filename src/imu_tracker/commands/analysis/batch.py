@@ -70,6 +70,11 @@ def add_batch(subparsers: Subparsers) -> None:
         help="processes on this computer; default: one for each core",
     )
     parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="write the smoothed track; the table stays that of the tracker",
+    )
+    parser.add_argument(
         "--resume",
         action="store_true",
         help="leave out what an earlier batch did with the same configuration",
@@ -83,8 +88,18 @@ def run_batch(args: argparse.Namespace) -> int:
     from imu_tracker.batch.cluster import results, workers
     from imu_tracker.batch.jobs import done_before, find_jobs
 
-    config_of(args)  # says what is wrong before anything starts
-    jobs = find_jobs(args.recordings, args.output, args.config, args.overrides)
+    config = config_of(args)  # says what is wrong before anything starts
+    if args.smooth:
+        from imu_tracker.recording.smoothing import Smoothing
+
+        Smoothing(config)
+    jobs = find_jobs(
+        args.recordings,
+        args.output,
+        args.config,
+        args.overrides,
+        is_smoothed=args.smooth,
+    )
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -25,6 +25,7 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
 from imu_tracker.estimation.error_state.hypotheses.reorient import mount_along_course
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
+from imu_tracker.estimation.error_state.smoothing.history import History
 from imu_tracker.estimation.error_state.states import GYRO_BIAS
 from imu_tracker.estimation.error_state.warm_start import (
     FRESH_S,
@@ -67,6 +68,7 @@ class ErrorState:
         Whether an outage's speed is taken from the vibration of the wheels.
     fix_period : FixPeriod, optional
         The tracker's, which sees every fix.
+    history : History, optional
     """
 
     in_hindsight = True
@@ -79,12 +81,13 @@ class ErrorState:
         *,
         uses_wheels: bool = True,
         fix_period: FixPeriod | None = None,
+        history: History | None = None,
     ) -> None:
         self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._notices: list[str] = []
         self._notify = self._notices.append
         self._temp_degc: float | None = None
-        self._prior = prior
+        self._prior, self._history = prior, history
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
         level = START_LEVEL if prior is None else known_level(prior.noise_level)
         self._platform = Platform(profile)
@@ -100,6 +103,8 @@ class ErrorState:
             *(lever_arm_m, self._bank, self._alignment, self._platform),
             *(self._propagation, self._fixes, self._buffer),
         )
+        if history is not None:
+            history.begin(self._bank.filters, self._fixes.comparison)
         if prior is not None:
             if self._platform.load_prior(prior.profile):
                 self._change_profile()
@@ -113,8 +118,6 @@ class ErrorState:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
         self._propagation.start(lat_rad, lon_rad, sigma_m)
         self._fixes.alt_origin_m = None
-
-    # -------------------------------------------------------------- steps and fixes
 
     def add_sample(self, sample: ImuSample) -> None:
         """Take a sample at the IMU's own rate: its vibration, not its motion."""
@@ -136,6 +139,8 @@ class ErrorState:
             self._wheel_aiding.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._load_prior()
+        if self._history is not None and self._propagation.is_predicted:
+            self._history.mark(self._bank.filters, self._output.scene())
 
     def update(self, fix: GpsFix, instant_ns: int, start_sigma_m: float) -> FixOutcome:
         """Bring the filters to the fix's instant, and correct them."""
@@ -255,7 +260,7 @@ class ErrorState:
             since = since._replace(warmer_k=temps[1] - temps[0])
         prior = grown(self._prior, since)
         if self._platform.is_vehicle and is_remounted(prior, level_q):
-            # Perhaps another box altogether: its biases cannot be told from the tilt.
+            # Perhaps another box: its biases cannot be separated from the tilt.
             self._notify("the box was turned since the last run; learnt anew")
             return
         for eskf in self._bank.filters:

@@ -19,6 +19,7 @@ from imu_tracker.estimation.error_state.mechanisation import (
     Nominal,
     Strapdown,
 )
+from imu_tracker.estimation.error_state.smoothing.kept import Kept
 from imu_tracker.estimation.error_state.states import (
     ACCEL_BIAS,
     ACCEL_NOISE_PSD,
@@ -79,7 +80,7 @@ class Measurement(NamedTuple):
     R: Array  # shape (m, m)
 
 
-class Eskf(Strapdown):
+class Eskf(Strapdown, Kept):
     """Position, velocity, attitude, and the parameters that distort them.
 
     Parameters
@@ -128,6 +129,7 @@ class Eskf(Strapdown):
         P[where, :] = P[:, where] = 0.0
         P[where, where] = np.diag(np.atleast_1d(variances))
         self.P = P
+        self.note_reset(where)
 
     def set_vehicle(self, *, is_vehicle: bool) -> None:
         """Begin, or cease, to learn a mounting."""
@@ -141,8 +143,8 @@ class Eskf(Strapdown):
 
         Notes
         -----
-        da_n = -[f_n x] theta - C_nb db_a: a body that does not turn cannot tell its
-        tilt from its bias, but knows well what they do together.
+        da_n = -[f_n x] theta - C_nb db_a: without turns tilt and bias cannot be
+        separated, but their sum is well known.
         """
         H = np.zeros((2, N_ERRORS))
         H[:, ATTITUDE] = skew((0.0, 0.0, self.gravity_mps2))[:2]
@@ -168,10 +170,10 @@ class Eskf(Strapdown):
         self.axle_m = -self.axle_m
         T = np.eye(N_ERRORS)
         T[MOUNT_PITCH, MOUNT_PITCH] = T[AXLE, AXLE] = -1.0
-        self.P = T @ self.P @ T.T
+        self.transform(T)
 
     def inflate_orientation(self, yaw_sigma_rad: float, *, is_vehicle: bool) -> None:
-        """Keep the attitude, but doubt it and all that was learnt through it."""
+        """Keep the attitude, but inflate it and all that was learnt through it."""
         fresh = start_covariance(is_vehicle=is_vehicle).diagonal()
         tilt_var = max(_DOUBTED_TILT_RAD**2, *self.P.diagonal()[TILT])
         for where in (ACCEL_BIAS, MOUNTING, GYRO_GAIN, AXLE):
@@ -192,7 +194,8 @@ class Eskf(Strapdown):
         accel_psd = ACCEL_NOISE_PSD + (
             level.accel_share**2 * self._accel_scatter_var * SHAKEN_S
         )
-        F = transition(self.nominal.q_nb, dt, self._dv_n, self._turn_n)
+        moved = self.nominal.q_nb, dt, self._dv_n, self._turn_n
+        F = transition(*moved)
         if not use_force:
             F[MOTION, ORIENTATION] = 0.0
         Q = process_noise(
@@ -203,6 +206,7 @@ class Eskf(Strapdown):
             is_vehicle=self._is_vehicle,
         )
         self.P = predicted(self.P, F, Q)
+        self.note_prediction(*moved, use_force=use_force)
         north, east = self.receiver_ne_m
         decay = float(F[RECEIVER_N, RECEIVER_N])
         self.receiver_ne_m = (north * decay, east * decay)
@@ -215,6 +219,7 @@ class Eskf(Strapdown):
 
     def update(self, measured: Measurement) -> None:
         """Fold a measurement into the solution."""
+        self.note_correction(self.P, *measured)
         errors, self.P = updated(self.P, *measured)
         self._inject(errors)
 
@@ -288,3 +293,4 @@ class Eskf(Strapdown):
             self.P = P
             north, east = self.receiver_ne_m
             self.receiver_ne_m = (north * shrink, east * shrink)
+            self.note_scaling(slice(17, 19), shrink)

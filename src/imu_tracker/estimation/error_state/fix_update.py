@@ -25,6 +25,8 @@ from imu_tracker.estimation.error_state.hypotheses.reorient import (
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
 from imu_tracker.estimation.error_state.receiver_model import (
+    HELD_PLACE_VAR,
+    HELD_SPEED_VAR,
     FixGeometry,
     ReceiverModel,
     geometry_of,
@@ -44,13 +46,7 @@ from imu_tracker.estimation.receiver.gate import FixOutcome, Gate
 from imu_tracker.samples import GpsFix, Vec3
 
 AGAIN_NS: Final = 60_000_000_000
-"""A filter that begins anew with a true attitude keeps its way for longer."""
-
-
-HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
-HELD_VELOCITY_VAR: Final = 1.0**2 * np.eye(2)
-"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
-motion, until it has caught up."""
+"""A restart soon after another one means that the attitude was wrong, too."""
 
 
 class FixUpdate:
@@ -60,10 +56,7 @@ class FixUpdate:
     ----------
     lever_arm_m : Vec3, body axes
         From the chip to the antenna.
-    bank : NoiseBank
-    alignment : Alignment
-    platform : Platform
-    propagation : Propagation
+    bank, alignment, platform, propagation
     notify : callable
         Takes messages for the log.
     fix_period : FixPeriod
@@ -74,11 +67,9 @@ class FixUpdate:
     comparison : Comparison
         Of the filters with the receiver alone.
     alt_origin_m : float or None
-        Height of the origin of positions, once a fix has told it.
+        Height of the origin of positions, from the first fix with one.
     ambiguity_m : float
         Radius that reaches to where refused fixes agree on; 0: none do.
-    nis_mean, log_likelihood_mean : float
-        Of the positions that were used.
     """
 
     def __init__(
@@ -91,8 +82,7 @@ class FixUpdate:
         notify: Callable[[str], None],
         fix_period: FixPeriod,
     ) -> None:
-        self._notify = notify
-        self._lever_arm_m = lever_arm_m
+        self._notify, self._lever_arm_m = notify, lever_arm_m
         self._bank, self._alignment, self._platform = bank, alignment, platform
         self._propagation = propagation
         self._gate = Gate(platform.profile)
@@ -106,12 +96,12 @@ class FixUpdate:
 
     @property
     def nis_mean(self) -> float:
-        """Mean squared innovation; 2 when all is as it says."""
+        """Mean normalised innovation squared; 2 for a consistent filter."""
         return self._nis_sum / max(self._n_used, 1)
 
     @property
     def log_likelihood_mean(self) -> float:
-        """How well fixes were foretold."""
+        """Mean log-likelihood of the positions that were used."""
         return self._log_likelihood_sum / max(self._n_used, 1)
 
     def change_profile(self) -> None:
@@ -122,10 +112,9 @@ class FixUpdate:
     def update(self, fix: GpsFix, ahead_s: float) -> FixOutcome:
         """Correct by a fix that describes the instant `ahead_s` after the filters'."""
         receiver, eskf = self.receiver, self._bank.main
-        if self._gate.is_frozen(
-            fix, math.hypot(*(fix.vel_ne_mps or eskf.nominal.v_n[:2]))
-        ):
-            # By its own word it moves, or else by the filter's, which may be wrong.
+        speed_n = fix.vel_ne_mps or eskf.nominal.v_n[:2]
+        if self._gate.is_frozen(fix, math.hypot(*speed_n)):
+            # It moves by its own velocity, or by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
@@ -143,18 +132,13 @@ class FixUpdate:
         position = self._position(eskf, fix, geometry, ahead_s)
         S = eskf.innovation_covariance(position)
         nis = float(position.z @ np.linalg.solve(S, position.z))
-        has_say = is_aligned and not (
-            self._propagation.is_imu_silent or receiver.is_catching_up
-        )
+        has_say = is_aligned and not receiver.is_catching_up
+        has_say = has_say and not self._propagation.is_imu_silent
         noise = receiver.noise(fix, position)
         likelihoods = self._log_likelihoods(fix, ahead_s, noise) if has_say else []
-        verdict = self.comparison.weigh(
-            fix,
-            eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9),
-            noise,
-            self._bank.mixed(likelihoods) if has_say else None,
-            receiver.period_s,
-        )
+        imu = self._bank.mixed(likelihoods) if has_say else None
+        instant_ns = eskf.nominal.t_ns + round((ahead_s + eskf.delay_s) * 1e9)
+        verdict = self.comparison.weigh(fix, instant_ns, noise, imu, receiver.period_s)
         if verdict is Verdict.IMU_LOST:
             if not self._recover_heading(fix):
                 self._restart_imu(fix)
@@ -187,8 +171,7 @@ class FixUpdate:
             receiver.learn_position_noise(nis_alone)
         corrected = [self._correct(x, fix, ahead_s) for x in self._bank.filters]
         if has_say:
-            if not self._bank.has_headings:
-                likelihoods = corrected
+            likelihoods = likelihoods if self._bank.has_headings else corrected
             self._alignment.add_log_likelihoods(likelihoods, receiver.period_s)
         self._propagation.outage_s = 0.0
         return FixOutcome.ACCEPTED
@@ -202,7 +185,7 @@ class FixUpdate:
         return True
 
     def _restart_imu(self, fix: GpsFix) -> None:
-        """Learn the IMU anew, beside the receiver that it contradicts."""
+        """Relearn the IMU from the start; rows follow the receiver meanwhile."""
         self._alignment.reset_orientation(
             "the IMU contradicts the receiver: GPS alone until it agrees; if that is "
             "told again and again: is the box fixed? run imu-tracker selftest; is the "
@@ -228,6 +211,10 @@ class FixUpdate:
             found.append(log_likelihood_of(eskf, position, velocity, noise.late_var))
         return found
 
+    @property
+    def _held(self) -> int:  # none while the heading is undecided
+        return int(not self._bank.has_headings)
+
     def _position(
         self, eskf: Eskf, fix: GpsFix, geometry: FixGeometry, ahead_s: float
     ) -> Measurement:
@@ -238,7 +225,7 @@ class FixUpdate:
             position.H[:, DELAY] = 0.0  # the place itself is the receiver's
         elif self.receiver.is_catching_up:
             position.H[:, DELAY] = 0.0
-            position = position._replace(R=position.R + HELD_PLACE_VAR)
+            position = position._replace(R=position.R + self._held * HELD_PLACE_VAR)
         return position
 
     def _velocity(
@@ -252,7 +239,7 @@ class FixUpdate:
             velocity.H[:, VELOCITY_DELAY] = 0.0  # the velocity is the receiver's
         elif self.receiver.is_catching_up:
             velocity.H[:, VELOCITY_DELAY] = 0.0
-            velocity = velocity._replace(R=velocity.R + HELD_VELOCITY_VAR)
+            velocity = velocity._replace(R=velocity.R + self._held * HELD_SPEED_VAR)
         return velocity
 
     def _correct(self, eskf: Eskf, fix: GpsFix, ahead_s: float) -> float:
@@ -277,10 +264,10 @@ class FixUpdate:
         return likelihood
 
     def _restart(self, fix: GpsFix) -> None:
-        """Begin anew from the receiver; the attitude stays if nothing is against it.
+        """Start again at the receiver's position; keep the attitude if it may be right.
 
-        A filter that lost its way before its heading was confirmed had a wrong one, and
-        so had one that soon loses it again, unless velocities speak for it.
+        The heading was wrong if it was not confirmed yet, or if this is the second
+        restart within a minute and no velocity supports it.
         """
         last_ns, self._restarted_ns = self._restarted_ns, fix.t_ns
         is_again = last_ns is not None and fix.t_ns - last_ns < AGAIN_NS

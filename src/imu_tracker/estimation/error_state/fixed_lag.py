@@ -2,7 +2,7 @@
 
 The filter stays as far behind as fixes take to come, so that nothing has to be repeated
 when one arrives. What waits here has two uses meanwhile: rows are predicted through it,
-and it tells in hindsight whether a rest was one.
+and they confirm in hindsight that a standstill was one.
 """
 
 import math

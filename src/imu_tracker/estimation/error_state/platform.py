@@ -1,4 +1,4 @@
-"""The body that carries the box: what it may do, as far as is known by now."""
+"""The platform: its profile, given or found from how it moves."""
 
 import math
 from typing import Final
@@ -14,11 +14,11 @@ LONGEST_S: Final = 2.0
 """Into a turn and out of it takes longer."""
 
 MOST_DRIFT_MPS2: Final = 0.3
-"""Speed times the doubt of the gyro's bias: a turn that is none."""
+"""Lateral acceleration by the uncertainty of the gyro bias alone."""
 
 
 class Platform:
-    """A profile that is given, or that is found from how the body moves.
+    """A profile that is configured, or found from how the body moves.
 
     Parameters
     ----------
@@ -67,9 +67,8 @@ class Platform:
     def add_motion(self, eskf: Eskf, level_q: Quat, *, is_aligned: bool) -> None:
         """See how it moved since the last call, a second ago.
 
-        After a longer time, in the dark or at rest, nothing is said: the lean of an
-        instant tells nothing of a turn that is over. Nor before heading and gyro are
-        known: who does not know his way cannot tell to which side he leans.
+        Ignored after a longer time (an outage, a rest): the lean of an instant does not
+        belong to a turn that is over. Ignored before heading and gyro bias are known.
 
         Parameters
         ----------

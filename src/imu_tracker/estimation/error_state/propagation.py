@@ -73,7 +73,7 @@ class Propagation:
 
     @property
     def is_imu_silent(self) -> bool:
-        """Whether the IMU has said nothing for seconds."""
+        """Whether the IMU has delivered nothing for seconds."""
         return self._silent_s > SILENT_TURN_CORRELATION_S
 
     @property
@@ -83,10 +83,12 @@ class Propagation:
 
     def start(self, lat_rad: float, lon_rad: float, sigma_m: float) -> None:
         """Begin at a place known to `sigma_m` per axis, at any speed."""
+        place_ne = self.frame.to_ne(lat_rad, lon_rad)
         self.frame = LocalFrame.at(lat_rad, lon_rad)
         for eskf in self._bank.filters:
             eskf.gravity_mps2 = gravity_mps2(lat_rad)
             eskf.predict(use_force=False)
+            eskf.note_loss(place_ne, sigma_m)
             t_ns, _, _, q_nb = eskf.nominal
             eskf.nominal = Nominal(t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), q_nb)
             eskf.set_variances(POSITION, [sigma_m**2, sigma_m**2, ANY_HEIGHT_VAR])
@@ -113,7 +115,7 @@ class Propagation:
         if step.is_gap:
             self._inflate_over_imu_gap(step.dt_s)
         elif step.is_saturated:
-            # A reading that was clipped may be off by as much as it says.
+            # The error of a clipped reading may be as large as the reading.
             turned_var = sum(x * x for x in step.dtheta_b_rad)
             self._inflate(turned_var, sum(x * x for x in step.dv_b_mps))
         if self._stretch_s >= STRETCH_S:
@@ -139,7 +141,7 @@ class Propagation:
         self._platform.turned_rad += self._bank.main.rate_n[2] * stretch_s
 
     def _inflate_over_imu_gap(self, dt_s: float) -> None:
-        """Let the body have moved while the IMU said nothing.
+        """Grow attitude and velocity covariance over an IMU gap.
 
         Notes
         -----
@@ -174,6 +176,8 @@ class Propagation:
             scale = np.ones(N_ERRORS)
             scale[ATTITUDE] = np.sqrt(np.minimum(1.0, ends / P.diagonal()[ATTITUDE]))
             eskf.P = P * np.outer(scale, scale)
+            if scale.min() < 1.0:
+                eskf.note_change(np.diag(scale))
         self._alignment.check_orientation()
 
     def _move_frame(self) -> None:

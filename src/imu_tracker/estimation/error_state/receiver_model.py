@@ -1,6 +1,6 @@
 """A fix as a measurement of the errors, and the noise of this receiver.
 
-The fact that a newcomer gets wrong: sixty fixes of a minute are not sixty
+Easily got wrong: sixty fixes of a minute are not sixty
 independent measurements. The lasting part of a receiver's error is a state of the
 filter; the rest is white from second to second, at any rate of fixes.
 """
@@ -55,6 +55,12 @@ TIMING_SIGMA_S: Final = 0.002
 """However good a receiver: its digits, and the time stamps of IMU and host."""
 
 
+HELD_PLACE_VAR: Final = 5.0**2 * np.eye(2)
+HELD_SPEED_VAR: Final = 1.0**2 * np.eye(2)
+"""m^2, (m/s)^2: what a receiver that holds its place at rest does not report of a slow
+motion, until it has caught up."""
+
+
 class FixGeometry(NamedTuple):
     """The antenna against the chip, navigation axes."""
 
@@ -69,12 +75,12 @@ class ReceiverModel:
     ----------
     accel_mps2 : float or None
         Change of its velocity within the last seconds, the larger of two; None: not
-        known, or it tells no velocity.
+        known, or it sends no velocity.
     velocity_var : float, (m/s)^2
     nis_level : float
         Factor on the variance that the receiver claims for its position.
     is_resting : bool
-        Whether the antenna stands still, by the word of the IMU.
+        Whether the IMU shows that the antenna stands still.
     """
 
     def __init__(self, period: FixPeriod) -> None:
@@ -147,7 +153,7 @@ class ReceiverModel:
     def noise(self, fix: GpsFix, position: Measurement) -> FixNoise:
         """Noise of a fix for a hypothesis without an IMU.
 
-        Without an IMU nothing shows that a receiver is better than it says.
+        Without an IMU a receiver is never taken to be better than it claims.
 
         Parameters
         ----------
@@ -236,7 +242,7 @@ class ReceiverModel:
         return Measurement(z, H, np.eye(1) * variance * factor)
 
     def reset_noise(self) -> None:
-        """Take the receiver at its word: what was learnt came from a wrong filter."""
+        """Return to the claimed noise: what was learnt came from a wrong filter."""
         self.nis_level, self.velocity_var = 1.0, VELOCITY_START_MPS**2
 
     def learn_position_noise(self, nis: float) -> None:

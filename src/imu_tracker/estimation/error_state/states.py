@@ -1,9 +1,9 @@
 """The 31 errors of the error-state filter, and how they grow.
 
 An error is what must be added to the estimate to make it true. The attitude's is a
-small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. What
-a newcomer gets wrong: velocity lives in NED and the biases in body axes, so `C_nb`
-couples them with a minus sign, once for each.
+small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. Easily
+got wrong: velocity is in NED and the biases are in body axes, so `C_nb` couples them,
+with a minus sign for each.
 """
 
 import math

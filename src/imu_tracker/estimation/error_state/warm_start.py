@@ -1,9 +1,8 @@
 """What outlasts a run, and its uncertainty at the next start.
 
-A chip has its biases tomorrow as well, and a box sits in its car as it sat. But
-temperature, time and hands move them: each value is kept with its standard deviation,
-and doubts grow with what happened in between. Nothing here decides whether the box is
-still where it was: `Alignment` holds the memory against the fixes.
+Biases and mounting outlast a run, but temperature, time and handling change them: each
+value is kept with its standard deviation, which grows with the downtime. Whether the
+box is still mounted as before is decided by `Alignment`, by the fixes.
 """
 
 import math
@@ -36,7 +35,7 @@ from imu_tracker.motion.vibration import Levels
 from imu_tracker.samples import GpsFix, Quat, Vec3
 
 DRIFTING_S: Final = 3600.0
-"""Biases wander for an hour; what they do beyond that the thermometer tells."""
+"""The random walk of the biases counts for so long; beyond, temperature explains it."""
 
 UNKNOWN_WARMER_K: Final = 10.0
 """Between two starts, when nobody knows the temperatures: night and noon."""
@@ -52,7 +51,7 @@ MOUNT_MOST_RAD: Final = math.radians(1.5)
 """Somebody gets in or loads the boot; pushed, in the long run."""
 
 DELAY_GROWTH_S: Final = 0.05
-"""A receiver begins anew with a filter of its own."""
+"""A receiver starts with a filter of its own."""
 
 GYRO_GAIN_GROWTH: Final = 0.003
 """Section 6.1: 2 % over 125 K."""
@@ -62,7 +61,7 @@ AXLE_GROWTH_M: Final = 0.3
 
 
 FRESH_S: Final = 600.0
-"""Nobody puts a box into another car and drives off within so short a time."""
+"""Within so short a downtime the box was not moved to another car."""
 
 PARKED_TILT_RAD: Final = math.radians(1.0)
 PARKED_SIGMAS: Final = 3.0
@@ -152,7 +151,7 @@ def place_of(eskf: Eskf, frame: LocalFrame, *, is_at_rest: bool) -> Place:
 
 
 def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
-    """Return the same with the doubts that time and temperature have brought.
+    """Return the same with sigmas grown by time and temperature.
 
     Notes
     -----
@@ -189,7 +188,7 @@ def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
 
 
 def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -> None:
-    """Take over what an earlier run learnt, doubts grown already.
+    """Load what an earlier run learnt; its sigmas are grown already.
 
     Notes
     -----
@@ -230,12 +229,8 @@ def begin_with(eskf: Eskf, learnt: LearnedParameters, *, takes_mounting: bool) -
 
 def _set_sigmas(eskf: Eskf, sigmas: dict[int, float]) -> None:
     """Make some errors known so well, and independent of all others."""
-    P = eskf.P.copy()
     for i, sigma in sigmas.items():
-        variance = min(sigma**2, P[i, i])
-        P[i, :] = P[:, i] = 0.0
-        P[i, i] = variance
-    eskf.P = P
+        eskf.set_variances(i, min(sigma**2, eskf.P[i, i]))
 
 
 def is_remounted(learnt: LearnedParameters, level_q: Quat) -> bool:

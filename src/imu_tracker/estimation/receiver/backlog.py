@@ -1,8 +1,8 @@
 """A receiver that sends more than its line carries.
 
-Its epochs wait in its own buffer, each longer than the one before. What a newcomer
-gets wrong: every sentence is right, and so is its checksum; only that it describes a
-place of seconds ago. The host's clock tells: arrival less UTC must not grow.
+Its epochs wait in its own buffer, each longer than the one before. Sentences and
+checksums are right, but they describe a position of seconds ago. It is detected by the
+host's clock: arrival less UTC must not grow.
 """
 
 from collections import Counter, deque
@@ -43,15 +43,15 @@ class Backlog:
         self._is_overloaded = False
         self._notices: list[str] = []
 
-    def relieved(self, told: Iterable[GpsFix | UtcTime]) -> list[GpsFix | UtcTime]:
+    def relieved(self, epochs: Iterable[GpsFix | UtcTime]) -> list[GpsFix | UtcTime]:
         """Return fixes and times as if the line had been free when they were sent."""
-        return [self._relieve(each) for each in told]
+        return [self._relieve(each) for each in epochs]
 
-    def _relieve(self, told: GpsFix | UtcTime) -> GpsFix | UtcTime:
-        if told.utc_s is None:
-            return told
-        lag_ns = told.t_ns - round(told.utc_s * 1e9)
-        self._learn(told.t_ns, lag_ns)
+    def _relieve(self, epoch: GpsFix | UtcTime) -> GpsFix | UtcTime:
+        if epoch.utc_s is None:
+            return epoch
+        lag_ns = epoch.t_ns - round(epoch.utc_s * 1e9)
+        self._learn(epoch.t_ns, lag_ns)
         waited_ns = lag_ns - self._least_ns
         if not self._is_overloaded and self._grows(waited_ns):
             self._is_overloaded = True
@@ -63,9 +63,9 @@ class Backlog:
             self._is_overloaded = False
             self._notices.append("the receiver's epochs come in time again")
         if not self._is_overloaded:
-            return told
+            return epoch
         self.counters["overdue_epochs"] += 1
-        return told._replace(t_ns=told.t_ns - waited_ns)
+        return epoch._replace(t_ns=epoch.t_ns - waited_ns)
 
     def take_notices(self) -> list[str]:
         """Transitions since the last call."""

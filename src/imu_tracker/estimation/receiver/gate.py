@@ -1,4 +1,4 @@
-"""Which fixes to believe: a gate that keeps wild ones out and cannot lock out.
+"""The innovation gate: rejects outliers, and cannot lock the receiver out.
 
 A fix must fit the filter's own prediction. One that does not is rejected and
 remembered; when the rejected ones agree with one another for long enough, it is the
@@ -45,7 +45,7 @@ LEFT_M: Final = 15.0
 
 _AGREEING_SIGMAS: Final = 4.0  # of a receiver that may be too sure of itself
 _AGREEING_ACCEL_MPS2: Final = 3.0  # brisk driving
-_FROZEN_SPEED_MPS: Final = 1.0  # a parked receiver tells less
+_FROZEN_SPEED_MPS: Final = 1.0  # a parked receiver reports less
 
 
 class Gate:

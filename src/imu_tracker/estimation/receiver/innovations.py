@@ -1,4 +1,4 @@
-"""How true the words of receiver and six-state filter are, told by the innovations.
+"""Consistency of receiver and six-state filter, learnt from the innovations.
 
 Innovations that scatter more than they should are the receiver's noise, as under trees:
 R grows. Innovations that keep to one side are the filter's error: P grows (`fading`),
@@ -22,9 +22,9 @@ class InnovationMonitor:
     ----------
     period : FixPeriod
     sigma_h_m : float
-        What the receiver says of itself, in the mean; 0: not yet known.
+        Mean of the claimed sigmas; 0: not yet known.
     nis_level : float
-        Factor on the variance that it says.
+        Factor on the claimed variance.
     """
 
     def __init__(self, period: FixPeriod) -> None:
@@ -33,7 +33,7 @@ class InnovationMonitor:
         self.start()
 
     def start(self, sigma_h_m: float = 0.0) -> None:
-        """Begin anew: what kept to one side was the place that is left."""
+        """Reset after a restart: the mean innovation belonged to the old position."""
         self.sigma_h_m = sigma_h_m
         self.nis_level, self._bias_nis = 1.0, 0.0
         self._mean = np.zeros(2)
@@ -45,7 +45,7 @@ class InnovationMonitor:
 
     @property
     def nis_mean(self) -> float | None:
-        """Mean squared innovation; 2 when all is as it says."""
+        """Mean normalised innovation squared; 2 for a consistent filter."""
         return self._nis_sum / self._n_nis if self._n_nis else None
 
     def learn_noise(self, fix: GpsFix, innovation: Array, S: Array, nis: float) -> None:

@@ -1,9 +1,9 @@
 """UTC against the host's monotonic clock, learnt from the receiver.
 
-An epoch says what time it was, and arrives later by a latency that jitters, or by
-many seconds when a buffer was full of old ones. The true relation of the two clocks
-hardly changes; so the median over many epochs tells it, and it tells in turn which
-instant a single epoch describes. Rows are put on the grid of UTC by a copy of the
+An epoch carries a time, and arrives later by a latency that jitters, or by many seconds
+when a buffer was full of old ones. The true relation of the two clocks
+hardly changes; so the median over many epochs gives it, and with it the
+instant that a single epoch describes. Rows are put on the grid of UTC by a copy of the
 relation that only slews.
 """
 
@@ -211,7 +211,7 @@ class UtcClock:
         return bool(self._candidates) or abs(step - leap) <= 2 * NEAR_NS
 
     def _add_candidate(self, arrival_ns: int, offset: int) -> float:
-        """Hear of another time; believe it when it is said again and again."""
+        """Collect epochs of another time; follow them when they last."""
         if self._candidates and abs(offset - self._candidates[0][1]) > STALE_NS // 2:
             self._candidates.clear()
         self._candidates.append((arrival_ns, offset))

@@ -2,8 +2,8 @@
 
 A multiplicative Kalman filter on six errors: a small rotation `theta_n` (true =
 exp(theta_n) * estimate, navigation axes) and the gyro bias. The gyro predicts;
-gravity tells the tilt, but only as far as the body's own acceleration is known;
-the course over ground tells the yaw, and rest tells the bias. Yaw is unknown until a
+gravity corrects the tilt, as far as the body's own acceleration is known; the course
+over ground corrects the yaw, and rest the bias. Yaw is unknown until a
 course was seen: an MPU-6050 has no magnetometer.
 """
 
@@ -51,7 +51,7 @@ _PREDICT_S: Final = 0.2
 _RANDOM_WALKS: Final = np.diag([SIX_GYRO_NOISE_PSD] * 3 + [GYRO_DRIFT_PSD] * 3)
 _H_BIAS: Final = np.eye(6)[BIAS]
 
-_LOST_TILT_SIGMA_RAD: Final = 0.5  # gravity is found anew sooner than mended
+_LOST_TILT_SIGMA_RAD: Final = 0.5  # beyond, the filter levels again
 
 
 class AttitudeSnapshot(NamedTuple):
@@ -159,7 +159,7 @@ class AttitudeFilter:
             self._predict_covariance()
 
     def propagate_gap(self, dt_s: float) -> None:
-        """Let time pass of which the gyro said nothing."""
+        """Grow the covariance over a gap of the gyro."""
         self._pending_s += dt_s
         self.inflate(UNOBSERVED_TURN_RADPS * dt_s)
 

@@ -1,7 +1,7 @@
 """What keeps the attitude filter true: rest, the receiver's velocity, the course.
 
-The attitude filter knows how a tilt or a yaw is corrected; this module knows what
-tells them, and when not to listen.
+The attitude filter applies the corrections; this module makes the measurements of tilt
+and yaw, and decides when they are valid.
 """
 
 import math
@@ -36,7 +36,7 @@ from imu_tracker.samples import Vec3
 REST_LEVEL_SIGMA_MPS2: Final = 0.1
 """A resting vehicle still rocks: mean of a second."""
 
-_REST_CORRELATION_FACTOR: Final = 5.0  # told at 5 Hz, each the mean of a second
+_REST_CORRELATION_FACTOR: Final = 5.0  # applied at 5 Hz, each the mean of a second
 
 
 GRAVITY_BASE_S: Final = 1.0
@@ -181,7 +181,7 @@ class AttitudeAiding:
         self._anchor = _Anchor(t_ns, vel_ne_mps, imu)
 
     def update_from_gravity(self, v_n: Vec3, gravity_mps2: float) -> None:
-        """Gravity tells the tilt, slowly: all there is without a receiver.
+        """Correct the tilt by gravity, slowly: all there is without a receiver.
 
         Of the body's own acceleration only the part that turns it is known: rate
         times speed.

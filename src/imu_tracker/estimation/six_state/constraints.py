@@ -1,7 +1,7 @@
 """What a body cannot do, as measurements of its velocity.
 
-Each is a small function that says what is measured: innovation z, H and R for a
-velocity in NED. Who calls them owns the state, and how often.
+Each function returns innovation z, H and R for a velocity in NED; the caller decides
+when they are applied.
 """
 
 import math
@@ -58,7 +58,7 @@ def non_holonomic(
     Notes
     -----
     0 = -sin(yaw) v_N + cos(yaw) v_E. An innovation beyond three sigma inflates R
-    to meet it: a car that slides says so with all its might, and is estimate.
+    to meet it: a slide is followed, not forced to zero.
     """
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     speed = math.hypot(v_n[0], v_n[1])

@@ -127,7 +127,7 @@ class SixState(Propagation):
         """Correct by a fix that describes the instant `ahead_s` after the last step."""
         speed = math.hypot(*fix.vel_ne_mps) if fix.vel_ne_mps else self.speed()[0]
         if self._gate.is_frozen(fix, speed):
-            # By its own word it moves, or else by the filter's, which may be wrong.
+            # It moves by its own velocity, or by the filter's, which may be wrong.
             if fix.vel_ne_mps is None and self._gate.reject(fix):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
@@ -152,7 +152,7 @@ class SixState(Propagation):
                 self._restart(fix)
                 return FixOutcome.REACQUIRED
             if self._gate.n_agreeing > 1:
-                # Two say the same: the truth may be there as well as here.
+                # Two rejected fixes agree: r95 must reach them.
                 self._ambiguity_m = miss_m + R95_PER_SIGMA * fix.sigma_h_m
             return FixOutcome.OUTLIER
         self._ambiguity_m = 0.0
@@ -214,7 +214,7 @@ class SixState(Propagation):
             )
 
     def _restart(self, fix: GpsFix) -> None:
-        """Begin anew from the receiver; the attitude stays."""
+        """Start again at the receiver's position; the attitude stays."""
         alt_m = self.estimate().alt_m if fix.alt_m is None else fix.alt_m
         self.start(fix.lat_rad, fix.lon_rad, fix.sigma_h_m)
         self._alt_origin_m = alt_m

@@ -126,7 +126,7 @@ class Propagation:
             self._rate_b_radps = (tx / dt, ty / dt, tz / dt)
             attitude.propagate(step)
             if step.is_saturated:
-                # A reading that was clipped may be off by as much as it says.
+                # The error of a clipped reading may be as large as the reading.
                 attitude.inflate(math.hypot(tx, ty, tz))
                 clipped_mps = math.hypot(*dv_b)
             can_rotate = attitude.is_level
@@ -163,7 +163,7 @@ class Propagation:
                 + (self._gravity_mps2 * attitude.tilt_sigma_rad) ** 2
                 + (an * an + ae * ae) * sigma_yaw**2
             )
-            # Rest is seen anew all the time.
+            # At rest each step is a new measurement.
             lasted_s = 0.0 if self._is_resting else self._outage_s
             psd = SIX_ACCEL_NOISE_PSD + lasting * max(1.0, 3.0 * lasted_s)
             psd_down = SIX_ACCEL_NOISE_PSD + SIX_ACCEL_BIAS_SIGMA_MPS2**2

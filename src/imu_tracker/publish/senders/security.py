@@ -16,6 +16,8 @@ from typing import Final, NamedTuple
 from imu_tracker.config.publishing import PublishConfig
 from imu_tracker.publish.senders.sender import CONNECT_S, DestinationError
 
+ETC: Final = Path("/etc/imu-tracker")
+
 CLOCK_S: Final = 15.0
 """How often it is tried again while the clock of this computer is not set."""
 
@@ -42,7 +44,8 @@ def read_credentials(path: Path | None) -> Credentials:
     Parameters
     ----------
     path : Path or None
-        A bare name is one of systemd's credentials, if it gave us any.
+        A bare name is one of systemd's credentials; without systemd, as for `check`, it
+        is where the documentation lets systemd take it from.
 
     Raises
     ------
@@ -51,9 +54,9 @@ def read_credentials(path: Path | None) -> Credentials:
     """
     if path is None:
         return Credentials()
-    directory = os.environ.get("CREDENTIALS_DIRECTORY")
-    if directory and len(path.parts) == 1:
-        path = Path(directory) / path
+    if len(path.parts) == 1:
+        directory = os.environ.get("CREDENTIALS_DIRECTORY")
+        path = Path(directory) / path if directory else ETC / f"{path}.credentials"
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
@@ -134,7 +137,9 @@ def explain(error: Exception, where: str) -> DestinationError:
                 "a certificate of your own goes into ca_file"
             )
         case ssl.SSLError():
-            reason = (error.reason or "no TLS").replace("_", " ").lower()
+            reason = (
+                (getattr(error, "reason", None) or "no TLS").replace("_", " ").lower()
+            )
             return DestinationError(
                 f"{where}: no encrypted connection: {reason}; is this the port for TLS?"
             )

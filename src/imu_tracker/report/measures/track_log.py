@@ -141,7 +141,7 @@ class TrackLog:
         since_s = max(row.utc_s - self.first_utc_s, 0.0)
         self.speed.add(since_s, row.speed_mps)
         self.r95.add(since_s, row.r95_m)
-        self.thinner.take(Point(self._track, self._segment, row))
+        self.thinner.add(Point(self._track, self._segment, row))
 
     def add_fix(self, fix: GpsFix) -> None:
         """Take a fix before the rows know it."""

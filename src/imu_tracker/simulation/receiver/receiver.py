@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.geometry.rotation import from_euler, matrix
+from imu_tracker.samples import Vec3
 from imu_tracker.simulation.imu.noise import GaussMarkov
 from imu_tracker.simulation.motion.paths import FloatArray
 from imu_tracker.simulation.motion.positions import TICKS_PER_S, Whereabouts
@@ -45,6 +47,7 @@ class ReceiverErrors(NamedTuple):
     velocity_slow_tau_s: float = 5.0
     velocity_white_sigma_mps: float = 0.04
     hdop: float = 0.9
+    lever_arm_m: Vec3 = (0.0, 0.0, 0.0)  # from the chip to the antenna, vehicle axes
 
     latency_s: float = 0.2  # from the instant described to the first byte
     latency_sigma_s: float = 0.02
@@ -136,6 +139,10 @@ class Receiver:
                 continue
             has_fix = self._has_sky(motion)[epochs] & (t_s >= self._errors.fix_after_s)
             error_m, error_mps = self._draw_errors(t_s)
+            if any(self._errors.lever_arm_m):
+                away_m, away_mps = self._antenna(motion)
+                error_m = error_m + away_m[epochs] * (1.0, 1.0, -1.0)
+                error_mps = error_mps + away_mps[epochs, :2]
             for row in zip(
                 t_s.tolist(),
                 has_fix.tolist(),
@@ -155,6 +162,14 @@ class Receiver:
         hidden_s = np.maximum.accumulate(hidden_s)
         self._last_hidden_s = hidden_s[-1]
         return np.asarray(motion.t_s > hidden_s + self._errors.reacquire_s)
+
+    def _antenna(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Place and velocity of the antenna against the chip, NED."""
+        attitudes = [matrix(from_euler(*rpy)) for rpy in motion.rpy_rad.tolist()]
+        away_m = np.array(attitudes) @ np.array(self._errors.lever_arm_m)
+        if len(away_m) < 2:
+            return away_m, np.zeros_like(away_m)
+        return away_m, np.gradient(away_m, motion.t_s, axis=0)
 
     def _draw_errors(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Errors of position (north, east, up) and of velocity (north, east)."""

@@ -1,10 +1,9 @@
-"""What a walker does without a receiver: he goes on as he went, and no faster.
+"""Pedestrian constraints: in an outage a walker keeps his speed and turns by the gyro.
 
-His steps are too violent for dead reckoning from a pocket, but they are regular. While
-the receiver sees him it is learnt how fast he goes, and in which direction seen from
-the box; in the dark he is taken to go on so, and to turn as the gyro turns. The fact
-that a newcomer gets wrong: this needs no heading. The box may lie in any way, and north
-may be anywhere: only turns count.
+Steps are too violent for dead reckoning from a pocket, but they are regular. With fixes
+the velocity is learnt relative to the box; in an outage it is turned by the gyro and
+used as a pseudo-measurement. This needs no heading: the box may lie in any way, and
+only turns count.
 """
 
 import math
@@ -27,7 +26,7 @@ from imu_tracker.estimation.tuning import (
 
 
 class Gait:
-    """Learns how somebody walks, and tells how he goes on."""
+    """Learns a walker's velocity relative to the box, and predicts it in an outage."""
 
     def __init__(self) -> None:
         self._own = (0.0, 0.0)  # velocity, turned back by all turns so far
@@ -68,7 +67,7 @@ class Gait:
         self._scatter_var += period_s / GAIT_LEARNING_S * (off_var - self._scatter_var)
 
     def speed_bound(self, eskf: Eskf, period_s: float) -> Measurement:
-        """Speed of somebody on foot: 0 = v, as large as it was in the last minutes."""
+        """Pseudo-measurement: 0 = v within the rms speed of the last minutes."""
         H = np.zeros((2, N_ERRORS))
         H[:, VELOCITY] = np.eye(2, 3)
         z = -np.array(eskf.nominal.v_n[:2])
@@ -79,7 +78,7 @@ class Gait:
     def continued_velocity(
         self, eskf: Eskf, turned_rad: float, outage_s: float, period_s: float
     ) -> Measurement | None:
-        """Velocity of somebody who walks on as he went; None: not known yet.
+        """Pseudo-measurement: the learnt velocity, turned by the gyro; None: unknown.
 
         Notes
         -----

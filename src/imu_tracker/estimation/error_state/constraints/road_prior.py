@@ -1,8 +1,7 @@
-"""What the roads and the driver of this very drive are like, for the time in the dark.
+"""Spreads of road slope and forward acceleration, learnt on this drive for outages.
 
-A road ahead is as steep as those behind, and a driver as hurried as he was: on a
-motorway both are worth more than anywhere else. The fact that a newcomer gets wrong:
-they are worth nothing as facts and a lot as spreads; the mean is taken to be zero.
+The road ahead is as steep as the one behind, and the driver accelerates as before. Only
+the spreads are used; the means are taken to be zero.
 """
 
 import math
@@ -20,7 +19,7 @@ from imu_tracker.estimation.tuning import (
 
 
 class RoadPrior:
-    """Learns the spreads of slope and of forward acceleration while the receiver sees.
+    """Learns the spreads of slope and of forward acceleration while there are fixes.
 
     Attributes
     ----------
@@ -40,12 +39,12 @@ class RoadPrior:
 
     @property
     def slope_sigma_rad(self) -> float:
-        """How steep, one sigma."""
+        """Standard deviation of the slope."""
         return max(math.sqrt(self._slope_var), LEAST_SLOPE_RAD)
 
     @property
     def forward_sigma_mps2(self) -> float:
-        """How hurried, one sigma of the mean of a second."""
+        """Standard deviation of the forward acceleration, mean of a second."""
         return max(math.sqrt(self._forward_var), LEAST_FORWARD_MPS2)
 
     def learn(self, eskf: Eskf, period_s: float) -> None:

@@ -1,7 +1,7 @@
-"""What is known of a body without being measured: when which constraint is applied.
+"""When which constraint is applied.
 
-Those of a vehicle are in `vehicle`, those of a walker in `pedestrian`; nothing is known
-of a free body but that it rests at times, and that its mean force is gravity.
+Those of a vehicle are in `vehicle`, those of a walker in `pedestrian`. A free body has
+two: zero velocity at standstill, and gravity as its mean specific force.
 """
 
 import math
@@ -37,7 +37,7 @@ WEAK_PERIOD_S: Final = 1.0
 
 
 class MotionConstraints:
-    """Applies what the body is known to do, and learns it while the receiver sees.
+    """Applies the constraints of the profile, and learns their parameters from fixes.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class MotionConstraints:
     Attributes
     ----------
     own_accel_mps2 : float or None
-        Change of the receiver's velocity at the last fix; None: it tells none.
+        Change of the receiver's velocity at the last fix; None: it sends none.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class MotionConstraints:
             eskf.update(vehicle.zero_velocity(eskf, rest, period_s))
 
     def _learn(self) -> None:
-        """See how the body goes while its velocity is known."""
+        """Learn slope, acceleration and gait while the velocity is known from fixes."""
         main, platform, alignment = self._bank.main, self._platform, self._alignment
         if alignment.level_q is not None:
             is_aligned = alignment.is_aligned
@@ -114,7 +114,7 @@ class MotionConstraints:
             self._gait.learn(v_ne, turned_rad, WEAK_PERIOD_S, is_stepping=is_stepping)
 
     def _apply_priors(self, outage_s: float) -> None:
-        """Take a body in the dark to go on as it did."""
+        """Apply the priors that hold in an outage: the body moves on as before."""
         platform = self._platform
         for eskf in self._bank.filters:
             if platform.is_vehicle and self._alignment.is_aligned:
@@ -136,7 +136,7 @@ class MotionConstraints:
                 eskf.update(onward or self._gait.speed_bound(eskf, WEAK_PERIOD_S))
 
     def _level(self, eskf: Eskf, outage_s: float) -> None:
-        """Take the mean force for gravity, as far as the body is steady."""
+        """Correct the tilt by gravity, as far as the body is steady."""
         own_mps2 = self.own_accel_mps2
         if own_mps2 is None or outage_s > OUTAGE_AFTER_S:
             eskf.update(gravity_levelling(eskf, LEVELLING_SIGMA_MPS2**2))
@@ -156,7 +156,7 @@ def _is_force_gravity(eskf: Eskf) -> bool:
 
 
 def gravity_levelling(eskf: Eskf, variance: float) -> Measurement:
-    """Of a body of which nothing is known, the mean force is gravity.
+    """Pseudo-measurement: the mean specific force is gravity.
 
     Notes
     -----

@@ -1,8 +1,8 @@
-"""What a thing on wheels cannot do, and hardly does, as measurements of the errors.
+"""Vehicle constraints as pseudo-measurements: non-holonomic, zero velocity, priors.
 
-Each is a function that returns innovation, H and R; who calls it decides when. All
-speak of the vehicle's axes: x ahead, y right, z down, reached from the box's through
-the mounting that is being learnt.
+Each function returns innovation, H and R; `schedule` decides when it is applied. Axes
+are the vehicle's (x forward, y right, z down), rotated from the box's by the mounting
+that is being learnt.
 """
 
 import math
@@ -41,7 +41,7 @@ from imu_tracker.geometry.rotation import matrix
 from imu_tracker.motion.standstill import Rest
 
 REST_CORRELATION_S: Final = 1.0
-"""The mean of a second's samples is told afresh once a second."""
+"""Correlation time of the mean of a second."""
 
 
 def non_holonomic(eskf: Eskf, period_s: float) -> Measurement:
@@ -93,7 +93,7 @@ def zero_velocity(eskf: Eskf, seen: Rest, period_s: float) -> Measurement:
 
 
 def road_slope_prior(eskf: Eskf, sigma_rad: float, period_s: float) -> Measurement:
-    """Roads are nearly level: the vehicle's pitch is 0, as steep as roads are here.
+    """Pseudo-measurement: the vehicle's pitch is 0 within the spread of road slopes.
 
     Notes
     -----
@@ -115,7 +115,7 @@ def road_slope_prior(eskf: Eskf, sigma_rad: float, period_s: float) -> Measureme
 def longitudinal_accel_prior(
     eskf: Eskf, sigma_mps2: float, period_s: float
 ) -> Measurement:
-    """Own forward acceleration of the last second is small in the mean.
+    """Pseudo-measurement: mean forward acceleration over 1 s is 0 within sigma.
 
     Notes
     -----

@@ -1,6 +1,6 @@
 """The wheels' speed as a measurement: forward velocity in an outage.
 
-The window that was heard ends at the filter's own instant, so the measurement describes
+The window of vibration ends at the filter's own instant, so the measurement describes
 that instant and not now. With GPS the wheels are only learnt.
 """
 
@@ -30,7 +30,7 @@ class WheelAiding:
         self._wheels.add_sample(sample)
 
     def update(self, filters: tuple[Eskf, ...], propagation: Propagation) -> None:
-        """Follow the speed of the first filter, and correct all by what is heard."""
+        """Follow the speed of the first filter; correct all by the wheels' speed."""
         if not propagation.is_predicted or propagation.is_imu_silent:
             return
         main = filters[0]

@@ -20,7 +20,6 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import (
 )
 from imu_tracker.estimation.error_state.hypotheses.reorient import (
     COURSE_SPEED_MPS,
-    REVERSE_MPS,
     REVERSE_RAD,
     course_sigma_rad,
     inflate_gyro_bias,
@@ -44,6 +43,12 @@ from imu_tracker.estimation.error_state.states import (
     YAW,
     Array,
 )
+from imu_tracker.estimation.tuning import (
+    LEVELLING_S,
+    ODD_MOUNTING_RAD,
+    REVERSE_MPS,
+    USABLE_YAW_SIGMA_RAD,
+)
 from imu_tracker.geometry.rotation import (
     IDENTITY,
     level_from_gravity,
@@ -53,10 +58,6 @@ from imu_tracker.geometry.rotation import (
 from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, Quat
-
-LEVELLING_S: Final = 1.0
-ODD_MOUNTING_RAD: Final = math.radians(20.0)
-"""No road and no hand's error tips a box so far."""
 
 COURSE_TURN_RADPS: Final = 0.3
 """A vehicle that turns more tightly does not head along its course."""
@@ -79,10 +80,9 @@ TURNED_NATS: Final = -2.0
 """Steps in which a box may lie turned in its vehicle, how far it is off those, and the
 log odds of each against one that points ahead."""
 
-LOST_YAW_SIGMA_RAD: Final = 0.6
 LOST_TILT_SIGMA_RAD: Final = 1.0
-"""Known worse than this, an angle is sooner found anew than mended: a filter that is
-linear about it goes the wrong way."""
+"""A tilt known worse than this is levelled again: the filter is linear about it. So is
+a yaw beyond `USABLE_YAW_SIGMA_RAD`."""
 
 RELEVELLED_SIGMA_RAD: Final = 0.5
 """What a level may be wrong by that was found amid a turn: an aeroplane banks so."""
@@ -184,7 +184,7 @@ class Alignment:
         main = self._bank.main
         if self.is_level and max(main.P.diagonal()[TILT]) > LOST_TILT_SIGMA_RAD**2:
             self.reset_orientation()
-        elif self.is_aligned and main.sigma(YAW.start) > LOST_YAW_SIGMA_RAD:
+        elif self.is_aligned and main.sigma(YAW.start) > USABLE_YAW_SIGMA_RAD:
             self.is_aligned = False
             self._bank.challenge_noise()
             self.start()  # the bank, too, turned with this attitude
@@ -259,7 +259,8 @@ class Alignment:
         self._check_reverse()
         self._update_yaw_bank(fix, position_ne, receiver)
         if not self.is_aligned:
-            self._align(fix)
+            if not receiver.is_catching_up:
+                self._align(fix)
         elif self.is_prior_unproved and not self._bank.is_heading_trial:
             self._try_prior(fix)
 

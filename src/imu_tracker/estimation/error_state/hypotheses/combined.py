@@ -18,6 +18,7 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import AloneEstimate
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
+from imu_tracker.estimation.error_state.smoothing.entries import Scene
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     N_ERRORS,
@@ -70,6 +71,19 @@ class Combined:
         is_silent = self._propagation.is_imu_silent
         return not fixes.comparison.alone.is_running or (
             fixes.comparison.odds.has_imu_lead and not is_silent
+        )
+
+    def scene(self) -> Scene:
+        """Return what a smoother must know beside the filters, at their instant."""
+        odds, propagation = self._fixes.comparison.odds, self._propagation
+        return Scene(
+            propagation.frame,
+            self._fixes.alt_origin_m,
+            self._buffer.shift_ns * 1e-9,
+            propagation.outage_s,
+            self._alignment.is_aligned,
+            has_imu=not (odds.is_imu_out or propagation.is_imu_silent),
+            odds_nats=odds.nats,
         )
 
     def estimate_after(self, dt_s: float) -> Estimate:

@@ -1,11 +1,14 @@
 """The filters with an IMU and the receiver alone, compared on the same fixes."""
 
+from collections import deque
+
 import numpy as np
 
 from imu_tracker.estimation.error_state.filter import Eskf, Measurement
 from imu_tracker.estimation.error_state.hypotheses.mixture import Odds, Verdict
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import (
     FixNoise,
+    KeptFix,
     ReceiverAlone,
 )
 from imu_tracker.estimation.error_state.platform import Platform
@@ -25,12 +28,15 @@ class Comparison:
     ----------
     alone : ReceiverAlone
     odds : Odds
+    kept_fixes : deque of KeptFix, or None
+        For a smoother.
     """
 
     def __init__(self, platform: Platform) -> None:
         self._platform = platform
         self.alone = ReceiverAlone(MAX_SPEED_MPS[platform.profile])
         self.odds = Odds()
+        self.kept_fixes: deque[KeptFix] | None = None
 
     def change_profile(self) -> None:
         """Bound the speed by what the platform may do now."""
@@ -61,6 +67,13 @@ class Comparison:
         psd = self._platform.unknown_accel_psd
         was_settled = self.alone.is_settled
         alone = self.alone.update(fix, instant_ns, noise, psd)
+        if self.kept_fixes is not None:
+            self.kept_fixes.append(
+                KeptFix(
+                    *(instant_ns, fix.lat_rad, fix.lon_rad, fix.vel_ne_mps),
+                    *(noise.position_var, noise.velocity_var, noise.lasting_var, psd),
+                )
+            )
         if alone is None or not was_settled or imu is None:
             return Verdict.NONE
         return self.odds.compare(imu, alone, period_s)

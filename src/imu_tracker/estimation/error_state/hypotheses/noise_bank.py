@@ -39,8 +39,9 @@ EARLY_WIN_NATS: Final = 6.0
 20 and of 400 to 1."""
 
 HEADING_WIN_NATS: Final = 3.0
-HEADING_LOST_NATS: Final = -7.0
-"""Odds at which one of several headings takes the lead, and at which it is dropped."""
+HEADING_LOST_NATS: Final = -5.0
+"""Odds at which one of several headings takes the lead, and at which it is dropped: its
+weight no longer moves the radius."""
 
 MOST_NATS: Final = 1.0
 """No single fix decides: not a wild one, not the first after a tunnel."""

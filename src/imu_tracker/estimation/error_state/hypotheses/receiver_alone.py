@@ -53,6 +53,30 @@ class FixNoise(NamedTuple):
     late_var: float = 0.0
 
 
+class KeptFix(NamedTuple):
+    """A fix as the hypothesis without an IMU takes it.
+
+    Attributes
+    ----------
+    t_ns : int
+        Instant that it describes, on the filters' time scale.
+    lat_rad, lon_rad : float
+    v_ne_mps : (float, float) or None
+    position_var, velocity_var, lasting_var : float, m^2 and (m/s)^2, per axis
+    accel_psd : float, (m/s^2)^2/Hz
+        Of the body's own acceleration.
+    """
+
+    t_ns: int
+    lat_rad: float
+    lon_rad: float
+    v_ne_mps: tuple[float, float] | None
+    position_var: float
+    velocity_var: float
+    lasting_var: float
+    accel_psd: float
+
+
 class AloneEstimate(NamedTuple):
     """Position and velocity of the antenna, with variances per axis."""
 

@@ -27,7 +27,7 @@ from imu_tracker.estimation.error_state.states import (
     Array,
     start_covariance,
 )
-from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS
+from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS, REVERSE_MPS
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
@@ -48,8 +48,7 @@ TURNED_BOX_RAD: Final = math.radians(35.0)
 """Between course and the box's own ahead: no hand's error."""
 
 REVERSE_RAD: Final = math.radians(150.0)
-REVERSE_MPS: Final = 5.0
-"""Nobody reverses faster."""
+"""A course this far from the heading, below `REVERSE_MPS`, is a vehicle in reverse."""
 
 
 def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
@@ -59,7 +58,7 @@ def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
     sine, cosine = math.sin(yaw_rad), math.cos(yaw_rad)
     T = np.eye(N_ERRORS)
     T[TILT, TILT] = [[cosine, -sine], [sine, cosine]]
-    eskf.P = T @ eskf.P @ T.T
+    eskf.transform(T)
 
 
 def set_course_heading(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
@@ -71,12 +70,10 @@ def set_course_heading(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
     var = sigma^2 + var(mu), cov(theta_d, mu) = -var(mu).
     """
     rotate_yaw(eskf, off_course(eskf, course_rad))
-    P = eskf.P.copy()
-    P[YAW_D, :] = P[:, YAW_D] = 0.0
-    row = -P[MOUNT_YAW, :].copy()
-    P[YAW_D, :] = P[:, YAW_D] = row
-    P[YAW_D, YAW_D] = sigma_rad**2 + P[MOUNT_YAW, MOUNT_YAW]
-    eskf.P = P
+    T = np.eye(N_ERRORS)
+    T[YAW_D, YAW_D], T[YAW_D, MOUNT_YAW] = 0.0, -1.0
+    eskf.transform(T)
+    eskf.P[YAW_D, YAW_D] += sigma_rad**2
 
 
 def set_bank_heading(
@@ -121,11 +118,10 @@ def mount_along_course(eskf: Eskf) -> None:
     vn, ve, _ = eskf.nominal.v_n
     q_vn = from_euler(0.0, 0.0, -math.atan2(ve, vn))
     eskf.q_vb = multiply(q_vn, eskf.nominal.q_nb)
-    P = eskf.P.copy()
-    row = -P[YAW_D, :].copy()
-    row[MOUNT_YAW] = course_sigma_rad(math.hypot(vn, ve)) ** 2 + P[YAW_D, YAW_D]
-    P[MOUNT_YAW, :] = P[:, MOUNT_YAW] = row
-    eskf.P = P
+    T = np.eye(N_ERRORS)
+    T[MOUNT_YAW, MOUNT_YAW], T[MOUNT_YAW, YAW_D] = 0.0, -1.0
+    eskf.transform(T)
+    eskf.P[MOUNT_YAW, MOUNT_YAW] += course_sigma_rad(math.hypot(vn, ve)) ** 2
 
 
 def inflate_gyro_bias(eskf: Eskf) -> None:
@@ -140,6 +136,7 @@ def set_delay_covariance(eskf: Eskf, block: Array) -> None:
     P[DELAYS, :] = P[:, DELAYS] = 0.0
     P[DELAYS, DELAYS] = block
     eskf.P = P
+    eskf.note_reset(DELAYS)
 
 
 def separate_delays(eskf: Eskf) -> None:
@@ -163,7 +160,7 @@ def separate_delays(eskf: Eskf) -> None:
     T = np.eye(N_ERRORS)
     T[P_N, DELAY], T[P_E, DELAY] = -vn, -ve
     T[V_N, VELOCITY_DELAY], T[V_E, VELOCITY_DELAY] = -an, -ae
-    eskf.P = T @ eskf.P @ T.T
+    eskf.transform(T)
 
 
 def inflate_unexplained(eskf: Eskf, variance: float, period_s: float) -> None:
