@@ -189,6 +189,8 @@ def _write(path: Path, rows: Iterable[NavState]) -> None:
 @contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """Write beside a file, and put it in place when it is whole and on the disk."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.new"):
+        left.unlink(missing_ok=True)  # by a worker that was killed
     new = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         yield new

@@ -42,7 +42,9 @@ def test_the_log_is_that_of_replay_and_the_figures_those_of_report(
     recording: Path, tmp_path: Path
 ) -> None:
     job = job_of(recording, tmp_path)
+    (tmp_path / ".drive.csv.4711.new").write_text("of a worker that was killed")
     line = run_job(job)
+    assert {path.name for path in tmp_path.iterdir()} == {"drive.csv", "drive.json"}
     alone = tmp_path / "alone.csv"
     assert main(["replay", "-q", str(recording), "--output", str(alone)]) == 0
     assert job.log.read_bytes() == alone.read_bytes()
