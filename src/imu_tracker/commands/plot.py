@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +13,10 @@ from imu_tracker.commands.common import (
     new_file,
     refuse_to_overwrite,
 )
-from imu_tracker.errors import LogError, UsageError
+from imu_tracker.errors import LogError, RecordingError, UsageError
 
 if TYPE_CHECKING:
+    from imu_tracker.plots.orders import OrderColumns
     from imu_tracker.plots.recording import RecordingColumns
     from imu_tracker.plots.tracks import LogColumns
 
@@ -25,14 +27,16 @@ Draw lat/long logs: the track with its circles of error, and below it speed and 
 time. Logs that follow one another, as rotated ones do, make one track; logs of the
 same time are compared. With --truth, the true track and the true error, too.
 
-Or draw a recording: the chip's raw axes, its temperature, and the receiver's fixes."""
+Or draw a recording: the chip's raw axes, its temperature, and the receiver's fixes.
+With --orders, the spectrum of its vibration, and the lines of the wheels in it."""
 
 _EXAMPLES = """\
   imu-tracker plot drive.csv --output drive.png
   imu-tracker plot drive.csv --truth truth.csv --output drive.png
   imu-tracker plot latlong-*.csv.gz latlong.csv --output week.png
   imu-tracker plot vehicle.csv free.csv --output compared.png
-  imu-tracker plot drive.rec --output raw.png"""
+  imu-tracker plot drive.rec --output raw.png
+  imu-tracker plot drive.rec --orders --output wheels.png"""
 
 
 def add_plot(subparsers: Subparsers) -> None:
@@ -54,6 +58,11 @@ def add_plot(subparsers: Subparsers) -> None:
         help="a table with the columns time_utc,lat_deg,lon_deg",
     )
     parser.add_argument(
+        "--orders",
+        action="store_true",
+        help="of a recording in a vehicle: the lines that its wheels make",
+    )
+    parser.add_argument(
         "--output",
         type=new_file,
         required=True,
@@ -71,6 +80,13 @@ def run_plot(args: argparse.Namespace) -> int:
     if any(map(is_recording, args.files)):
         if len(args.files) > 1 or args.truth is not None:
             raise UsageError("a recording is drawn alone, and without --truth")
+    elif args.orders:
+        raise UsageError("--orders needs a recording, not a log")
+    if args.orders:
+        from imu_tracker.plots.orders import plot_orders
+
+        plot_orders(_orders(args.files[0]), args.output)
+    elif any(map(is_recording, args.files)):
         from imu_tracker.plots.recording import plot_recording
 
         plot_recording(_recording(args.files[0]), args.output)
@@ -101,6 +117,50 @@ def _log(path: Path) -> "LogColumns":
     track = Track(columns.utc_s, columns.lat_deg, columns.lon_deg)
     return LogColumns(
         _label(path), track, columns.speed_mps, columns.r95_m, columns.mode
+    )
+
+
+def _orders(path: Path) -> "OrderColumns":
+    """Track a recording as in a vehicle; of several sessions, the first."""
+    import numpy as np
+
+    from imu_tracker.calibration.counts import CountsModel
+    from imu_tracker.config import load_config
+    from imu_tracker.pipeline import Pipeline
+    from imu_tracker.plots.orders import OrderColumns
+    from imu_tracker.recording.files import read_recording
+    from imu_tracker.samples import Frame, Mode, SessionHeader, Source
+
+    stream = read_recording(path)
+    header = next(stream)
+    if not isinstance(header, SessionHeader):
+        raise TypeError("a recording begins with a header")
+    as_printed = ("+x", "+y", "+z")
+    counts = CountsModel(header.accel_range_g, header.gyro_range_dps, as_printed)
+    config = load_config(None, ["filter.profile=vehicle"])
+    pipeline = Pipeline(header, config.tracker_settings(header))
+    imu, rows = [], []
+    for frame in stream:
+        if not isinstance(frame, Frame):
+            break
+        if frame.source is Source.IMU:
+            sample = counts.decode(frame.t_ns, frame.data)
+            imu.append((frame.t_ns, *sample.accel_mps2, *sample.gyro_radps))
+        rows += [
+            (row.t_ns, math.hypot(*row.v_n_mps[:2]), row.mode is not Mode.DR)
+            for row in pipeline.feed(frame)
+        ]
+    if len(imu) < 2 or not rows:
+        raise RecordingError(f"{path}: the wheels need samples and fixes")
+    t_ns, *values = np.array(imu).T
+    row_ns, speed_mps, has_gps = np.array(rows).T
+    wheels = pipeline.report().get("wheels")
+    return OrderColumns(
+        *(_label(path), (t_ns - t_ns[0]) * 1e-9, np.column_stack(values)),
+        *((row_ns - t_ns[0]) * 1e-9, speed_mps, has_gps > 0.0),
+        state="not heard" if wheels is None else wheels["state"],
+        circumference_m=wheels and wheels["circumference_m"],
+        circumference_sigma_m=wheels and wheels["circumference_sigma_m"],
     )
 
 

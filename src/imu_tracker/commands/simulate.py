@@ -127,6 +127,7 @@ def run_simulate(args: argparse.Namespace) -> int:
         gyro_range_dps=config.imu.gyro_range_dps,
         mount=config.imu.mount,
         gps_every_s=args.gps_every,
+        wheels=config.source.wheels == "on",
         lever_arm_m=config.gps.lever_arm_m,
         baud=None if config.gps.baud == "auto" else config.gps.baud,
     )

@@ -217,6 +217,9 @@ def _rounded(value: object) -> str:
             return f"{value:.3g}"
         case list():
             return ", ".join(map(_rounded, value))
+        case dict():
+            parts = _with_sigmas(value).items()
+            return ", ".join(f"{_words(key)} {text}" for key, text in parts)
         case _:
             return _text(value)
 

@@ -78,6 +78,7 @@ class SourceConfig(Table):
     duration_s: float = key(
         0, "from 0 to 1000000 s; 0 is the scenario's own length", ge=0, le=1e6
     )
+    wheels: Literal["on", "off"] = key("on", '"on" or "off"')
     path: OptionalPath = key(None, 'the path of a recording, or ""')
     speed: float = key(1.0, "from 0.01 to 1000 times real time", ge=0.01, le=1000)
     start_utc: IsoInstant = key(

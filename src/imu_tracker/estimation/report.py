@@ -17,7 +17,9 @@ from imu_tracker.geometry.rotation import to_euler
 class WheelReport(TypedDict):
     """Learnt by `wheels/`; null: not known yet."""
 
+    state: str  # "heard", "faint" or "not heard"
     circumference_m: float | None
+    circumference_sigma_m: float | None
     clarity: float | None
     heard_share: float | None
 

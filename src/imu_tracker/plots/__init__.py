@@ -3,4 +3,4 @@
 In: columns of a log or a recording. Out: PNG files. Not here: scores (`recording/`).
 """
 
-__all__ = ["noise", "recording", "tracks"]
+__all__ = ["noise", "orders", "recording", "tracks"]

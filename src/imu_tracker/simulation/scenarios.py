@@ -55,6 +55,7 @@ class Scenario(NamedTuple):
     duration_s: float
     trajectory: Callable[[np.random.Generator], Trajectory]
     has_engine: bool = False
+    has_wheels: bool = False  # whose lines can be measured
     start: Place = DELFT
     rate_hz: float = 100.0  # of the samples, unless somebody wishes another
     errors: SensorErrors = TYPICAL_CHIP
@@ -172,6 +173,7 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         900.0,
         _drive,
         has_engine=True,
+        has_wheels=True,
     ),
     "square": _figure(
         "slide round a square of 1 m, stopping in its corners",

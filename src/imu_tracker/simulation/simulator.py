@@ -88,6 +88,7 @@ def simulate(
     lever_arm_m: Vec3 = (0.0, 0.0, 0.0),
     truth_hz: int = 4,
     chip: ChipTraits | None = None,
+    wheels: bool = True,
 ) -> Simulated:
     """Simulate what the wires would deliver, and what was true.
 
@@ -117,6 +118,8 @@ def simulate(
         Rows of truth per second, a divisor of 20.
     chip : ChipTraits, optional
         The chip and its mounting, where it is to be the one of another simulation.
+    wheels : bool
+        Whether the wheels of a scenario that has some make lines in the vibration.
     """
     if isinstance(scenario, str) and scenario not in SCENARIOS:
         raise ValueError(f"{scenario!r}: must be one of {', '.join(SCENARIOS)}")
@@ -136,7 +139,11 @@ def simulate(
 
     if chip is None:
         chip = ChipTraits.draw(errors, rng(_Stream.CHIP))
-    imu = Imu(errors, chip, rng(_Stream.IMU), rate_hz, has_engine=plan.has_engine)
+    imu = Imu(
+        *(errors, chip, rng(_Stream.IMU), rate_hz),
+        has_engine=plan.has_engine,
+        has_wheels=plan.has_wheels and wheels,
+    )
     bursts = imu.bursts(
         plan.trajectory(rng(_Stream.TRAJECTORY)),
         gravity_mps2(plan.start.lat_rad, plan.start.alt_m),

@@ -25,6 +25,7 @@ def simulated(config: Config) -> Iterator[SessionHeader | Frame]:
         accel_range_g=imu.accel_range_g,
         gyro_range_dps=imu.gyro_range_dps,
         mount=imu.mount,
+        wheels=source.wheels == "on",
         lever_arm_m=config.gps.lever_arm_m,
     )
     yield config.amended(simulation.header)

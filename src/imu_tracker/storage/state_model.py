@@ -17,6 +17,7 @@ from imu_tracker.config.values import MountAxes
 from imu_tracker.errors import shown
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
 from imu_tracker.samples import Mount
+from imu_tracker.wheels.orders import N_STRENGTHS, KeptWheels
 
 FORMAT: Final = "imu-tracker state"
 VERSION: Final = 2
@@ -79,6 +80,7 @@ _GyroGainSigma = Annotated[
 _MountSigma = Annotated[float, Field(ge=0, le=10)]  # zero: there is no mounting
 _Vibration = Annotated[float, Field(ge=1e-6, le=1000.0)]
 _Level = tuple[bool, _Vibration, _Vibration]
+_Strength = Annotated[float, Field(ge=0, le=1e6)]
 _Utc = Annotated[float, Field(ge=0, le=1e11)]
 
 
@@ -99,6 +101,18 @@ class PlacePart(_Part):
     q_nb: _Quat
     yaw_sigma_rad: float = _sigma(10.0)
     is_at_rest: bool
+
+
+class WheelsPart(_Part):
+    """`wheels.orders.KeptWheels`."""
+
+    circumference_m: float = Field(ge=1.0, le=4.0)
+    circumference_sigma_m: float = _sigma(1.0)
+    strength: Annotated[
+        tuple[_Strength, ...],
+        Field(min_length=N_STRENGTHS, max_length=N_STRENGTHS),
+        BeforeValidator(_tuple),
+    ]
 
 
 class LearntPart(_Part):
@@ -127,6 +141,7 @@ class LearntPart(_Part):
     still_levels: Annotated[
         tuple[_Level, ...], Field(max_length=2), BeforeValidator(_tuple)
     ]
+    wheels: WheelsPart | None = None  # states of before had none
 
 
 class State(_Part):
@@ -158,6 +173,7 @@ class State(_Part):
         """
         values = learnt._asdict()
         values["place"] = learnt.place and learnt.place._asdict()
+        values["wheels"] = learnt.wheels and learnt.wheels._asdict()
         utc_s = values.pop("utc_s")
         return cls.model_validate(
             {"saved_utc": utc_s, **sensor._asdict(), "learnt": values}
@@ -166,9 +182,12 @@ class State(_Part):
     def to_learnt(self) -> LearnedParameters:
         """Return what an estimator begins with."""
         values = self.learnt.model_dump()
-        place = values.pop("place")
+        place, wheels = values.pop("place"), values.pop("wheels")
         return LearnedParameters(
-            **values, utc_s=self.saved_utc, place=Place(**place) if place else None
+            **values,
+            utc_s=self.saved_utc,
+            place=Place(**place) if place else None,
+            wheels=KeptWheels(**wheels) if wheels else None,
         )
 
 

@@ -5,4 +5,4 @@ how much that speed is wrong, where the wheels' orders can be heard. Not here: t
 filter that takes it.
 """
 
-__all__ = ["orders", "speed"]
+__all__ = ["orders", "posterior", "speed", "windows"]

@@ -12,6 +12,7 @@ from imu_tracker.errors import OutputError
 from imu_tracker.plots.chart import choose_circles, draw_map
 from imu_tracker.plots.drawing import MAX_POINTS, envelope, runs
 from imu_tracker.plots.logs import joined
+from imu_tracker.plots.orders import OrderColumns, plot_orders
 from imu_tracker.plots.recording import RecordingColumns, plot_recording
 from imu_tracker.plots.timelines import shade_modes
 from imu_tracker.plots.tracks import LogColumns, plot_tracks
@@ -131,6 +132,20 @@ def test_a_recording_becomes_a_picture(tmp_path: Path, n: int) -> None:
         "a.rec", t_s, wave, wave, t_s, fixes, fixes + 1.0, np.empty(0)
     )
     plot_recording(columns, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("size_m", [1.9, None])
+def test_the_lines_of_the_wheels_become_a_picture(
+    tmp_path: Path, size_m: float | None
+) -> None:
+    imu_s, row_s = np.arange(4000) / 100.0, np.arange(160) / 4.0
+    line = np.cos(2.0 * np.pi * 10.0 * imu_s)[:, None] * np.ones(6)
+    columns = OrderColumns(
+        *("a.rec", imu_s, line, row_s, np.full(160, 19.0), row_s < 30.0, "heard"),
+        *(size_m, None if size_m is None else 0.01),
+    )
+    plot_orders(columns, tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(PNG)
 
 

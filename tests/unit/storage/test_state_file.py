@@ -10,6 +10,7 @@ from imu_tracker.errors import OutputError, StateError
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters, Place
 from imu_tracker.storage.state_file import StateFile, read_state, write_state
 from imu_tracker.storage.state_model import Sensor
+from imu_tracker.wheels.orders import KeptWheels
 
 SENSOR = Sensor("MPU-6050", ("+x", "-y", "-z"), "")
 LEARNT = LearnedParameters(
@@ -27,6 +28,7 @@ LEARNT = LearnedParameters(
     utc_s=1795348800.0,
     place=Place(0.9, 0.08, 2.0, (1.0, 0.0, 0.0, 0.0), 0.01, is_at_rest=True),
     still_levels=((False, 0.002, 0.08), (True, 0.02, 0.5)),
+    wheels=KeptWheels(1.88, 0.01, tuple(0.1 * k for k in range(18))),
 )
 
 
@@ -41,6 +43,13 @@ def test_what_is_written_comes_back(tmp_path: Path) -> None:
     assert read_state(path, SENSOR) == LEARNT
     assert path.stat().st_mode & 0o777 == 0o640
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_state_of_before_the_wheels_is_read(tmp_path: Path) -> None:
+    path, state = saved(tmp_path)
+    del state["learnt"]["wheels"]
+    path.write_text(json.dumps(state))
+    assert read_state(path, SENSOR) == LEARNT._replace(wheels=None)
 
 
 def test_no_file_is_no_error(tmp_path: Path) -> None:
@@ -71,6 +80,7 @@ def test_damage_is_refused_in_one_line(tmp_path: Path, data: bytes) -> None:
         *(("noise_level", True), ("profile", "boat"), ("q_vb", [1, 1, 0, 0])),
         *(("gyro_bias_radps", [0, 0]), ("gyro_bias_sigma_radps", [0, 0, 0])),
         *(("accel_bias_mps2", [0, 0, 50]), ("still_levels", [[1, 2, 3]])),
+        *(("wheels", {"circumference_m": 1.9}), ("wheels", [1.9, 0.01])),
         *(("place", {"lat_rad": 4}), ("surprise", 1), ("temp_degc", -400)),
     ],
 )

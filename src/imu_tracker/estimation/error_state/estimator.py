@@ -7,7 +7,6 @@ predicted from their instant through the steps that wait.
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -49,10 +48,6 @@ from imu_tracker.motion.preintegration import ImuStep
 from imu_tracker.motion.standstill import Rest
 from imu_tracker.samples import GpsFix, ImuSample, Vec3
 
-FOLD_S: Final = 0.02
-"""A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
-begins again at zero, where v times delay is exact."""
-
 
 class ErrorState:
     """Strapdown navigation with all its errors estimated.
@@ -83,9 +78,9 @@ class ErrorState:
         fix_period: FixPeriod | None = None,
         history: History | None = None,
     ) -> None:
-        self._wheel_aiding = WheelAiding() if uses_wheels else None
         self._notices: list[str] = []
         self._notify = self._notices.append
+        self._wheel_aiding = WheelAiding(self._notify) if uses_wheels else None
         self._temp_degc: float | None = None
         self._prior, self._history = prior, history
         self._since: tuple[Downtime, GpsFix | None] | None = None  # to be recalled
@@ -135,7 +130,11 @@ class ErrorState:
         rests = rest is not None and self._buffer.confirms_rest(self._eskf, step)
         self._propagation.add_step(step, rest if rests else None)
         self._temp_degc = step.temp_degc
-        if self._wheel_aiding is not None and self._platform.is_vehicle:
+        if (
+            self._wheel_aiding is not None
+            and self._platform.is_vehicle
+            and self._alignment.is_aligned
+        ):
             self._wheel_aiding.update(self._bank.filters, self._propagation)
         if self._since is not None:
             self._load_prior()
@@ -166,23 +165,14 @@ class ErrorState:
 
     def _learn(self, fix: GpsFix) -> None:
         """Draw conclusions from a fix beyond those of the filters."""
-        self._fold_delay()
+        if self._alignment.is_aligned:
+            self._buffer.fold_delay(self._bank.filters)
         if not self._alignment.is_level:
             return
         if self._platform.adopt_found_profile():
             self._change_profile()
         position_ne = np.array(self._propagation.frame.to_ne(fix.lat_rad, fix.lon_rad))
         self._alignment.update(fix, position_ne, self._fixes.receiver)
-
-    def _fold_delay(self) -> None:
-        """Move the instants of the fixes by the delay that was found."""
-        delay_s = self._eskf.delay_s
-        if abs(delay_s) < FOLD_S or not self._alignment.is_aligned:
-            return
-        self._buffer.shift_ns += round(delay_s * 1e9)
-        for each in self._bank.filters:
-            each.delay_s -= delay_s
-            each.velocity_delay_s -= delay_s
 
     def _change_profile(self) -> None:
         """Constrain the body as its new profile allows."""
@@ -242,7 +232,9 @@ class ErrorState:
         if self._alignment.is_aligned:
             is_at_rest = self._propagation.rest is not None
             place = place_of(eskf, self._propagation.frame, is_at_rest=is_at_rest)
-        return learnt._replace(temp_degc=self._temp_degc, place=place)
+        aiding = self._wheel_aiding
+        wheels = None if aiding is None else aiding.learnt()
+        return learnt._replace(temp_degc=self._temp_degc, place=place, wheels=wheels)
 
     def load_prior(self, since: Downtime, fix: GpsFix | None) -> None:
         """Begin with what an earlier run learnt, as soon as down is known."""
@@ -265,6 +257,8 @@ class ErrorState:
             return
         for eskf in self._bank.filters:
             begin_with(eskf, prior, takes_mounting=self._platform.is_vehicle)
+        if self._wheel_aiding is not None and prior.wheels is not None:
+            self._wheel_aiding.load(prior.wheels, self._bank.filters)
         if prior.place is not None and is_parked(prior, since, level_q, fix):
             yaw_rad = to_euler(prior.place.q_nb)[2]
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)

@@ -47,6 +47,7 @@ from imu_tracker.estimation.error_state.states import (
     V_E,
     V_N,
     VELOCITY_DELAY,
+    WHEEL_SCALE,
     Array,
     NoiseLevel,
     process_noise,
@@ -76,7 +77,7 @@ class Measurement(NamedTuple):
     """An innovation `z = H errors + noise(R)`."""
 
     z: Array  # shape (m,)
-    H: Array  # shape (m, 31)
+    H: Array  # shape (m, 32)
     R: Array  # shape (m, m)
 
 
@@ -95,12 +96,11 @@ class Eskf(Strapdown, Kept):
         Mounting: takes the box's axes to the vehicle's.
     receiver_ne_m : (north, east), m
         Lasting error of the receiver.
-    delay_s, velocity_delay_s : float
-        A fix describes so much later than its nominal instant.
-    axle_m : float
+    delay_s, velocity_delay_s, axle_m, wheel_scale : float
+        As their errors in `states`.
     receiver_var : float, m^2
         Of the receiver's lasting error, per axis.
-    P : ndarray, shape (31, 31)
+    P : ndarray, shape (32, 32)
     """
 
     def __init__(self, noise: NoiseLevel, *, is_vehicle: bool) -> None:
@@ -111,7 +111,7 @@ class Eskf(Strapdown, Kept):
         self.q_vb: Quat = IDENTITY
         self.receiver_ne_m = (0.0, 0.0)
         self.receiver_var = 4.0
-        self.delay_s = self.velocity_delay_s = 0.0
+        self.delay_s = self.velocity_delay_s = self.wheel_scale = 0.0
         self.axle_m = START_AXLE_M
         self._granted_var, self._granted_ns = 0.0, 0
 
@@ -246,6 +246,7 @@ class Eskf(Strapdown, Kept):
         xx, yx, zx, xy, yy, zy, xz, yz, zz = map(add, self.gyro_gain, e[GYRO_GAIN])
         self.gyro_gain = (xx, yx, zx, xy, yy, zy, xz, yz, zz)
         self.axle_m += e[AXLE]
+        self.wheel_scale += e[WHEEL_SCALE]
 
     def C_vn(self) -> Array:
         """Matrix from navigation to vehicle axes."""

@@ -26,6 +26,10 @@ enough to see in hindsight whether a rest was one."""
 PULLING_OFF_MPS: Final = 0.1
 """A body that rests gains no speed: what a rocking car shows within a second."""
 
+FOLD_S: Final = 0.02
+"""A delay beyond this moves the instants of the fixes, half a step of 40 ms; the state
+begins again at zero, where v times delay is exact."""
+
 
 class FixedLagBuffer:
     """Steps that the filter has yet to take, oldest first.
@@ -98,6 +102,16 @@ class FixedLagBuffer:
             dx, dy, dz = each.dv_b_mps
             x, y, z = x + dx, y + dy, z + dz
         return (x, y, z)
+
+    def fold_delay(self, filters: tuple[Eskf, ...]) -> None:
+        """Move the instants of the fixes by the delay that the first filter found."""
+        delay_s = filters[0].delay_s
+        if abs(delay_s) < FOLD_S:
+            return
+        self.shift_ns += round(delay_s * 1e9)
+        for each in filters:
+            each.delay_s -= delay_s
+            each.velocity_delay_s -= delay_s
 
     def predict(
         self, eskf: Eskf, t_ns: int, can_use_force: Callable[[Rest | None], bool]

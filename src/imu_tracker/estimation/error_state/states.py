@@ -1,4 +1,4 @@
-"""The 31 errors of the error-state filter, and how they grow.
+"""The 32 errors of the error-state filter, and how they grow.
 
 An error is what must be added to the estimate to make it true. The attitude's is a
 small rotation `theta_n` in navigation axes: true C_nb = (I + [theta_n x]) C_nb. Easily
@@ -18,6 +18,7 @@ from imu_tracker.estimation.tuning import (
     LEVELLING_SIGMA_RAD,
     RECEIVER_CORRELATION_S,
 )
+from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import matrix
 from imu_tracker.samples import Quat, Vec3
 
@@ -46,7 +47,8 @@ VELOCITY_DELAY: Final = 20  # the same of their velocities
 DELAYS: Final = slice(19, 21)
 GYRO_GAIN: Final = slice(21, 30)  # M, column by column: true rate = (I + M) gyro
 AXLE: Final = 30  # from the rear axle forward to the box, m
-N_ERRORS: Final = 31
+WHEEL_SCALE: Final = 31  # wheels are larger by this share than they are taken to be
+N_ERRORS: Final = 32
 
 
 class NoiseLevel(NamedTuple):
@@ -85,6 +87,11 @@ MOUNT_DRIFT_PSD: Final = math.radians(0.01) ** 2
 DELAY_DRIFT_PSD: Final = 0.005**2
 """s^2 per s: a receiver's filter changes its lag by 0.04 s in a minute."""
 
+WHEEL_SCALE_SIGMA: Final = 0.01
+"""Of a circumference that was just found: the width of a line at 50 km/h, averaged."""
+
+WHEEL_DRIFT_PSD: Final = 0.005**2 / 600.0
+"""1/s: tyres warm up in ten minutes and grow with speed, by half a per cent."""
 
 START_SIGMA: Final = (
     (ATTITUDE, LEVELLING_SIGMA_RAD),
@@ -105,6 +112,34 @@ that their delays differ by some tenths only."""
 
 MOUNT_SIGMA_RAD: Final = math.radians(8.0)
 """By hand and eye; larger angles are the coarse stage's."""
+
+
+class Scene(NamedTuple):
+    """What is the same for all filters at an instant.
+
+    Attributes
+    ----------
+    frame : LocalFrame
+        Where positions are counted from.
+    alt_origin_m : float or None
+    shift_s : float
+        What was folded away of the receiver's delay.
+    outage_s : float
+        Since the last fix that was used.
+    is_aligned : bool
+    has_imu : bool
+        Whether the IMU is used: it delivers, and was not set aside.
+    odds_nats : float
+        Log odds of the filter against the receiver alone.
+    """
+
+    frame: LocalFrame
+    alt_origin_m: float | None
+    shift_s: float
+    outage_s: float
+    is_aligned: bool
+    has_imu: bool
+    odds_nats: float
 
 
 def skew(v: Vec3) -> Array:
@@ -142,7 +177,7 @@ def transition(q_nb: Quat, dt_s: float, dv_n: Vec3, turn_n_rad: Vec3) -> Array:
 
     Returns
     -------
-    F : ndarray, shape (31, 31)
+    F : ndarray, shape (32, 32)
 
     Notes
     -----
@@ -200,6 +235,7 @@ def process_noise(
     decay = math.exp(-2.0 * dt_s / RECEIVER_CORRELATION_S)
     q[RECEIVER] = receiver_var * (1.0 - decay)
     q[DELAY] = q[VELOCITY_DELAY] = DELAY_DRIFT_PSD * dt_s
+    q[WHEEL_SCALE] = WHEEL_DRIFT_PSD * dt_s
     Q = np.diag(q)
     cross = accel_psd * dt_s**2 / 2.0
     for p, v in ((P_N, V_N), (P_E, V_E), (P_D, V_D)):

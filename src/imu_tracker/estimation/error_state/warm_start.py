@@ -33,6 +33,7 @@ from imu_tracker.geometry.geodesy import LocalFrame
 from imu_tracker.geometry.rotation import conjugate, rotate
 from imu_tracker.motion.vibration import Levels
 from imu_tracker.samples import GpsFix, Quat, Vec3
+from imu_tracker.wheels.orders import KeptWheels
 
 DRIFTING_S: Final = 3600.0
 """The random walk of the biases counts for so long; beyond, temperature explains it."""
@@ -69,6 +70,10 @@ PARKED_YAW_SIGMA_RAD: Final = math.radians(3.0)
 """A car that was not moved lies as it lay, to what its load and springs change, where
 it was; it may yet have been driven away and parked again."""
 
+WHEELS_GROWTH: Final = 0.007
+"""Of the circumference: cold tyres, pressure, load; worn or other tyres of the same
+size. Wheels that differ by more are found to be others."""
+
 
 class Place(NamedTuple):
     """Where the last run ended, and how the box lay there."""
@@ -104,6 +109,7 @@ class LearnedParameters(NamedTuple):
     utc_s: float | None = None
     place: Place | None = None
     still_levels: Levels = ()
+    wheels: KeptWheels | None = None
 
 
 class Downtime(NamedTuple):
@@ -176,7 +182,13 @@ def grown(learnt: LearnedParameters, since: Downtime) -> LearnedParameters:
     xx, yx, zx, xy, yy, zy, xz, yz, zz = gain
     pitch, yaw = learnt.mounting_sigma_rad
     hypot = math.hypot
+    wheels = learnt.wheels
+    if wheels is not None:
+        growth_m = WHEELS_GROWTH * wheels.circumference_m
+        sigma_m = hypot(wheels.circumference_sigma_m, growth_m)
+        wheels = wheels._replace(circumference_sigma_m=sigma_m)
     return learnt._replace(
+        wheels=wheels,
         gyro_bias_sigma_radps=(hypot(gx, gyro), hypot(gy, gyro), hypot(gz, gyro)),
         accel_bias_sigma_mps2=(hypot(ax, accel), hypot(ay, accel), hypot(az, accel)),
         mounting_sigma_rad=(hypot(pitch, mounting), hypot(yaw, mounting)),

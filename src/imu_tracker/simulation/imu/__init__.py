@@ -3,4 +3,4 @@
 In: exact motion. Out: bursts of 14 bytes. Not here: the I2C bus (`tests/fake_i2c`).
 """
 
-__all__ = ["chip", "errors", "ideal", "noise"]
+__all__ = ["chip", "errors", "ideal", "noise", "rolling"]

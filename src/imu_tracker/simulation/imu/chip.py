@@ -30,8 +30,8 @@ class Imu:
         Source of all its noise.
     rate_hz : float
         Nominal sample rate.
-    has_engine : bool
-        Whether the box sits in something that shakes.
+    has_engine, has_wheels : bool
+        As for `ChipErrors`.
     """
 
     def __init__(
@@ -42,12 +42,15 @@ class Imu:
         rate_hz: float,
         *,
         has_engine: bool,
+        has_wheels: bool = False,
     ) -> None:
         self._errors = errors
         self._interval_s = 1.0 / (rate_hz * (1.0 + traits.clock_error))
         self._timing_rng, noise_rng = rng.spawn(2)
         self._chip = ChipErrors(
-            errors, traits, noise_rng, rate_hz, has_engine=has_engine
+            *(errors, traits, noise_rng, rate_hz),
+            has_engine=has_engine,
+            has_wheels=has_wheels,
         )
 
     def bursts(

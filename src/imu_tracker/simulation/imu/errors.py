@@ -19,6 +19,7 @@ from imu_tracker.calibration.counts import STANDARD_GRAVITY_MPS2
 from imu_tracker.geometry.rotation import from_euler, matrix
 from imu_tracker.samples import Quat, Vec3
 from imu_tracker.simulation.imu.noise import Flicker, GaussMarkov, Rumble
+from imu_tracker.simulation.imu.rolling import Rolling
 from imu_tracker.simulation.motion.paths import FloatArray
 
 _MG: Final = 1e-3 * STANDARD_GRAVITY_MPS2
@@ -170,8 +171,9 @@ class ChipErrors:
         Source of all its noise.
     rate_hz : float
         Nominal sample rate.
-    has_engine : bool
-        Whether the box sits in something that shakes.
+    has_engine, has_wheels : bool
+        Whether the box sits in something that shakes, and whether its turning parts
+        can be told from the rest.
     """
 
     def __init__(
@@ -182,6 +184,7 @@ class ChipErrors:
         rate_hz: float,
         *,
         has_engine: bool,
+        has_wheels: bool = False,
     ) -> None:
         self._errors, self._traits = errors, traits
         C_bv = matrix(traits.q_vb).T
@@ -195,6 +198,7 @@ class ChipErrors:
         density = _six(errors.accel_noise_mps2_rthz, errors.gyro_noise_radps_rthz)
         self._white_sigma = density * math.sqrt(0.5 * rate_hz)
         self._rumble = Rumble(rumble_rng, 6, rate_hz) if has_engine else None
+        self.rolling = Rolling(rng.spawn(1)[0], rate_hz) if has_wheels else None
         self._idle = _six(errors.idle_accel_sigma_mps2, errors.idle_gyro_sigma_radps)
         self._road = _six(errors.road_accel_sigma_mps2, errors.road_gyro_sigma_radps)
 
@@ -220,8 +224,12 @@ class ChipErrors:
         noise += self._white_sigma * self._rng.standard_normal((len(t_s), 6))
         if self._rumble:
             pace = speed_mps[:, None] / ROAD_SPEED_MPS
-            shaking = self._idle + pace * self._road
-            noise += shaking * self._rumble.draw(len(t_s))
+            rumble, road = self._rumble.draw(len(t_s)), pace * self._road
+            if self.rolling:
+                wheels, engine, surface = self.rolling.at(t_s, speed_mps, w_v[:, 2])
+                noise += road * wheels + self._idle * engine
+                road = surface * road
+            noise += (self._idle + road) * rumble
         accel = f_v @ self._accel_gain_T + traits.accel_bias_mps2 + noise[:, :3]
         gyro = w_v @ self._gyro_gain_T + traits.gyro_bias_radps + noise[:, 3:]
         accel += np.outer(warmth, traits.accel_mps2_per_degc)

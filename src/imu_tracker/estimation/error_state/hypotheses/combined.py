@@ -18,7 +18,6 @@ from imu_tracker.estimation.error_state.hypotheses.noise_bank import NoiseBank
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import AloneEstimate
 from imu_tracker.estimation.error_state.platform import Platform
 from imu_tracker.estimation.error_state.propagation import Propagation
-from imu_tracker.estimation.error_state.smoothing.entries import Scene
 from imu_tracker.estimation.error_state.states import (
     DELAY,
     N_ERRORS,
@@ -28,6 +27,7 @@ from imu_tracker.estimation.error_state.states import (
     V_N,
     VELOCITY,
     Array,
+    Scene,
 )
 from imu_tracker.estimation.estimate import R95_PER_SIGMA, Estimate, r95_of
 from imu_tracker.estimation.tuning import LARGEST_RADIUS_M, LONGER_SHARE

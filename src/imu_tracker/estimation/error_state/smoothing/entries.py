@@ -19,8 +19,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.states import N_ERRORS, Array, transition
-from imu_tracker.geometry.geodesy import LocalFrame
+from imu_tracker.estimation.error_state.states import N_ERRORS, Array, Scene, transition
 from imu_tracker.samples import Quat, Vec3
 
 SEEN: Final = (*range(9), 17, 18, 19)
@@ -159,34 +158,6 @@ class Forgetting:
         matrix[self._where, :] = 0.0
         matrix[:, self._where] = 0.0
         return Adjoint(vector, matrix)
-
-
-class Scene(NamedTuple):
-    """What is the same for all filters at an instant.
-
-    Attributes
-    ----------
-    frame : LocalFrame
-        Where positions are counted from.
-    alt_origin_m : float or None
-    shift_s : float
-        What was folded away of the receiver's delay.
-    outage_s : float
-        Since the last fix that was used.
-    is_aligned : bool
-    has_imu : bool
-        Whether the IMU is used: it delivers, and was not set aside.
-    odds_nats : float
-        Log odds of the filter against the receiver alone.
-    """
-
-    frame: LocalFrame
-    alt_origin_m: float | None
-    shift_s: float
-    outage_s: float
-    is_aligned: bool
-    has_imu: bool
-    odds_nats: float
 
 
 class Mark:

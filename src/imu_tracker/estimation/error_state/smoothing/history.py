@@ -7,7 +7,8 @@ from typing import Final
 from imu_tracker.estimation.error_state.filter import Eskf
 from imu_tracker.estimation.error_state.hypotheses.comparison import Comparison
 from imu_tracker.estimation.error_state.hypotheses.receiver_alone import KeptFix
-from imu_tracker.estimation.error_state.smoothing.entries import Entry, Mark, Scene
+from imu_tracker.estimation.error_state.smoothing.entries import Entry, Mark
+from imu_tracker.estimation.error_state.states import Scene
 
 MARK_EVERY: Final = 2
 """Predictions of 0.12 s: a cubic between them is true to a millimetre."""
