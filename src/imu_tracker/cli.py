@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from imu_tracker import __version__
+from imu_tracker.commands.analysis.batch import add_batch
 from imu_tracker.commands.analysis.report import add_report
 from imu_tracker.commands.analysis.smooth import add_smooth
 from imu_tracker.commands.analysis.tune import add_tune
@@ -56,6 +57,7 @@ _COMMANDS: Final = (
     add_plot,
     add_export,
     add_report,
+    add_batch,
     add_characterise,
     add_calibrate,
     add_selftest,

@@ -83,13 +83,11 @@ class Tracked:
     name : str
         Of the recording.
     config : Config
-    replay : Replay, optional
-        What tracks it, where it is not to be a plain `Replay`.
     """
 
-    def __init__(self, name: str, config: Config, replay: Replay | None = None) -> None:
+    def __init__(self, name: str, config: Config) -> None:
         self._name, self._config = name, config
-        self._replay = Replay(config) if replay is None else replay
+        self._replay = Replay(config)
         self._imu, self._receiver = ImuLog(), ReceiverLog()
         self._track = TrackLog(name)
         self._length_s = 0.0

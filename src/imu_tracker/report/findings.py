@@ -33,7 +33,9 @@ BIAS_DPS: Final = 12.0
 NOISE_DPS: Final = 0.4
 """At rest, 42 Hz: the datasheet's chip has 0.05, a poor one 0.15."""
 
-SCALE_OFF: Final = 0.05  # ranges are good to 3 %
+GRAVITY_OFF: Final = 0.11
+"""PS-MPU-6000A section 6.2: zero-g to 80 mg, ranges to 3 %."""
+
 COLD_DEGC: Final = 10.0
 WARMED_K: Final = 8.0
 
@@ -153,7 +155,8 @@ def _mounting(imu: ImuFigures, sensors: Sensors) -> Iterator[Finding]:
             "Screw it, or glue it, to something stiff of the vehicle itself: not to a "
             "mat, a cover or a cable.",
         )
-    elif turn := max(imu.tilts_deg, default=0.0) * (imu.tilt_changes == 1):
+        return  # it explains the rest
+    if turn := max(imu.tilts_deg, default=0.0) * (imu.tilt_changes == 1):
         yield Finding(
             "box_turned",
             Weight.BAD,
@@ -225,7 +228,7 @@ def _chip(imu: ImuFigures) -> Iterator[Finding]:
         shows.append(f"It moved by {imu.bias_change_dps:.1f} deg/s during the drive.")
     if imu.bias_dps > BIAS_DPS:
         shows.append(f"At rest the gyro reads {imu.bias_dps:.0f} deg/s.")
-    if abs(imu.gravity_g - 1.0) > SCALE_OFF:
+    if abs(imu.gravity_g - 1.0) > GRAVITY_OFF:
         shows.append(f"Standing, it feels {imu.gravity_g:.2f} g instead of 1.")
     if shows and imu.noise_dps > NOISE_DPS:  # alone, an engine may do it
         shows.append(

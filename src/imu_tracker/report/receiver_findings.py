@@ -29,12 +29,13 @@ SPREAD_S: Final = 0.5
 DAMAGED_SHARE: Final = 0.005
 JUMP_SHARE: Final = 0.005
 SLOW_S: Final = 1.9
+COLD_START_S: Final = 90.0
 
 
 def receiver_findings(receiver: ReceiverFigures, length_s: float) -> Iterator[Finding]:
     """Judge the receiver over a recording of this length."""
     if not receiver.fixes:
-        yield from _without_fix(receiver)
+        yield from _without_fix(receiver, length_s)
         return
     counters = receiver.counters
     if counters["fixes_without_date"] > 0.5 * receiver.fixes:
@@ -69,7 +70,7 @@ def receiver_findings(receiver: ReceiverFigures, length_s: float) -> Iterator[Fi
         )
 
 
-def _without_fix(receiver: ReceiverFigures) -> Iterator[Finding]:
+def _without_fix(receiver: ReceiverFigures, length_s: float) -> Iterator[Finding]:
     """Say why there is no fix at all."""
     kinds = set(receiver.kinds)
     if not receiver.lines:
@@ -89,6 +90,15 @@ def _without_fix(receiver: ReceiverFigures) -> Iterator[Finding]:
         what = "The receiver's sentences cannot be used"
         shows = f"{receiver.unread}."
         yield _bad("gps_unread", what, shows, advice.UNUSABLE)
+    elif length_s < COLD_START_S:
+        yield Finding(
+            "gps_no_fix",
+            Weight.NOTE,
+            "The receiver had no fix yet",
+            f"After a cold start it takes half a minute and more; these are "
+            f"{length_s:.0f} s.",
+            "Record for longer, under the open sky.",
+        )
     else:
         what = "The receiver never had a fix: look at the antenna and its cable"
         shows = f"{receiver.epochs} reports, and none with a position."

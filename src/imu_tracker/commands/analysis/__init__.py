@@ -4,4 +4,4 @@ In: parsed arguments. Out: an exit code. Not here: anything that another room co
 need.
 """
 
-__all__ = ["report", "smooth", "tune"]
+__all__ = ["batch", "report", "smooth", "tune"]

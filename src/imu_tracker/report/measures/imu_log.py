@@ -24,6 +24,9 @@ UNMOVED_MPS2: Final = 0.06
 """Where the accelerometer shows less than this, a datasheet's own noise twice, no
 engine shakes the gyro: what it shows is its own."""
 
+LEAST_K: Final = 3.0
+"""A slope by temperature is told from so much warmth on."""
+
 TURNED_DEG: Final = 10.0
 """Two stops differ by the slopes of the road, 3 deg and seldom 6; not by more."""
 
@@ -217,7 +220,7 @@ def _angle_deg(one: Array, other: Array) -> float:
 def _bias(stops: list[Stretch]) -> tuple[float, float, float]:
     """Return the gyro's bias, its slope by temperature, and by how much it changed.
 
-    The slope is of the worst axis, NaN below 1 K; all in deg/s.
+    The slope is of the worst axis, NaN below `LEAST_K`; all in deg/s.
     """
     still = [window for stop in stops for window in stop.windows]
     if not still:
@@ -226,6 +229,6 @@ def _bias(stops: list[Stretch]) -> tuple[float, float, float]:
     degc = np.array([window.temp_degc for window in still])
     change = float(np.abs(dps[-5:].mean(axis=0) - dps[:5].mean(axis=0)).max())
     slope = math.nan
-    if float(np.ptp(degc)) >= 1.0:
+    if float(np.ptp(degc)) >= LEAST_K:
         slope = float(np.abs(np.polyfit(degc, dps, 1)[0]).max())
     return float(np.linalg.norm(np.median(dps, axis=0))), slope, change
