@@ -91,7 +91,7 @@ class NoiseBank:
     main_name : str
         What its heading assumes; empty: that the box points ahead.
     rivals : list of Rival
-        One with another noise level or on trial, or several headings.
+        One with another noise level, with several headings beside it, or one on trial.
     """
 
     def __init__(self, level: int, *, is_vehicle: bool) -> None:
@@ -138,8 +138,9 @@ class NoiseBank:
         """Log-likelihood of a fix under all headings, weighted by their odds."""
         if not self.has_headings:
             return likelihoods[0]
-        top = max(likelihoods)
-        shares = zip(self.weights, likelihoods, strict=True)
+        pairs = zip(self.weights, likelihoods, strict=True)
+        shares = [(share, each) for share, each in pairs if share > 0.0]
+        top = max(each for _, each in shares)
         return top + math.log(sum(w * math.exp(each - top) for w, each in shares))
 
     def challenge_heading(self, candidate: Eskf) -> None:
@@ -153,6 +154,7 @@ class NoiseBank:
         self.rivals = [rival for rival in rivals if rival is not best]
         for rival in self.rivals:
             rival.nats -= best.nats
+        self.rivals.append(self._noise_rival())
 
     def add_log_likelihoods(
         self, likelihoods: list[float], period_s: float
@@ -176,14 +178,18 @@ class NoiseBank:
         return self._judge_trial(self.rivals[0]) if self.rivals else None
 
     def _judge_headings(self) -> bool | None:
-        best = max(self.rivals, key=lambda rival: rival.nats)
+        headings = [r for r in self.rivals if r.kind is Kind.HEADING]
+        noise = next(r for r in self.rivals if r.kind is Kind.NOISE)
+        best = max(headings, key=lambda rival: rival.nats)
         if best.nats > HEADING_WIN_NATS:
             self._swap(best)
-        self.rivals = [r for r in self.rivals if r.nats > HEADING_LOST_NATS]
-        if self.rivals:
-            return None
-        self.challenge_noise()
-        return self.main_name != ""
+            noise = self._noise_rival()  # the old one has the heading of the loser
+        headings = [r for r in headings if r.nats > HEADING_LOST_NATS]
+        self.rivals = [*headings, noise]
+        if not headings:
+            return self.main_name != ""
+        self._judge_trial(noise)
+        return None
 
     def _judge_trial(self, rival: Rival) -> bool | None:
         is_over = rival.trial_s >= TRIAL_S
@@ -225,12 +231,18 @@ class NoiseBank:
                 self._level += self._direction  # and on in the same direction
             else:
                 self._direction = -self._direction
-        self.challenge_noise()
+        headings = [r for r in self.rivals if r.kind is Kind.HEADING]
+        for each in headings:
+            each.eskf = each.eskf.clone(NOISE_LEVELS[self._level])
+        self.rivals = [*headings, self._noise_rival()]
         return verdict
 
     def challenge_noise(self) -> None:
         """Begin a trial of a neighbouring level, and drop all others."""
+        self.rivals = [self._noise_rival()]
+
+    def _noise_rival(self) -> Rival:
         if not 0 <= self._level + self._direction < len(NOISE_LEVELS):
             self._direction = -self._direction
         noise = NOISE_LEVELS[self._level + self._direction]
-        self.rivals = [Rival(self.main.clone(noise), Kind.NOISE)]
+        return Rival(self.main.clone(noise), Kind.NOISE)
