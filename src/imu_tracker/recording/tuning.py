@@ -103,18 +103,10 @@ class Trial(Replay):
 
     @property
     def latency_s(self) -> Estimate:
-        """From the instant that a fix describes to its arrival.
-
-        Notes
-        -----
-        The filter counts how much later than assumed fixes describe: by so much less
-        they are late.
-        """
-        if self.learnt is None or self.settings is None:
+        """From the instant that a fix describes to its arrival."""
+        if self.learnt is None:
             return Estimate(0.0, np.inf)
-        assumed_s = self.settings.assumed_latency_s
-        delay_s = self.learnt.latency_s - assumed_s
-        return Estimate(assumed_s - delay_s, self.learnt.latency_sigma_s)
+        return Estimate(self.learnt.latency_s, self.learnt.latency_sigma_s)
 
     def pipeline(self, header: SessionHeader, settings: TrackerSettings) -> Pipeline:
         """Make the pipeline of a session, with what this trial changes."""
