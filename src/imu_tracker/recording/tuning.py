@@ -47,8 +47,9 @@ MOST_CHI2: Final = 6.6
 """Of one degree of freedom, 99 %: recordings that differ by more differ in fact."""
 
 CORRELATED: Final = 2.0
-"""Innovations of a minute share their errors, and the filter adapts to a wrong lever
-arm: values scatter so much more than their covariance says, on simulated drives."""
+"""A safety margin on the sigmas, not a validated factor. Innovations of a minute share
+their errors, and the filter adapts to a wrong lever arm, so that values scatter more
+than their covariance says; five simulated drives are all that it was looked at with."""
 
 _POSITION, _VELOCITY = "position", "velocity"
 _LASTING, _VELOCITY_DELAY = 17, 20  # columns that only these measurements have
