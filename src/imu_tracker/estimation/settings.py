@@ -40,7 +40,7 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
     if settings.estimator == "error-state":
         prior = settings.prior
         if prior is not None:
-            prior = counted_against(prior, settings.assumed_latency_s)
+            prior = relative_to(prior, settings.assumed_latency_s)
         return ErrorState(
             *(settings.profile, settings.lever_arm_m, prior),
             uses_wheels=settings.uses_wheels,
@@ -54,7 +54,7 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
     return Rewinding(SixState(profile, settings.lever_arm_m, fix_period), profile)
 
 
-def counted_against(learnt: LearnedParameters, assumed_s: float) -> LearnedParameters:
+def relative_to(learnt: LearnedParameters, assumed_s: float) -> LearnedParameters:
     """Turn latencies into the estimator's delays, or its delays into latencies.
 
     Notes
