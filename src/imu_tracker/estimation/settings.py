@@ -40,7 +40,7 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
     if settings.estimator == "error-state":
         prior = settings.prior
         if prior is not None:
-            prior = later(prior, -settings.assumed_latency_s)
+            prior = relative_to(prior, settings.assumed_latency_s)
         return ErrorState(
             *(settings.profile, settings.lever_arm_m, prior),
             uses_wheels=settings.uses_wheels,
@@ -54,9 +54,15 @@ def navigator_of(settings: TrackerSettings, fix_period: FixPeriod) -> Navigator:
     return Rewinding(SixState(profile, settings.lever_arm_m, fix_period), profile)
 
 
-def later(learnt: LearnedParameters, by_s: float) -> LearnedParameters:
-    """Return the same with the latencies counted from an instant `by_s` earlier."""
+def relative_to(learnt: LearnedParameters, assumed_s: float) -> LearnedParameters:
+    """Turn latencies into the estimator's delays, or its delays into latencies.
+
+    Notes
+    -----
+    delay = assumed - latency; latency = assumed - delay. A positive delay says that
+    fixes describe a later instant than assumed: they are less late.
+    """
     return learnt._replace(
-        latency_s=learnt.latency_s + by_s,
-        velocity_latency_s=learnt.velocity_latency_s + by_s,
+        latency_s=assumed_s - learnt.latency_s,
+        velocity_latency_s=assumed_s - learnt.velocity_latency_s,
     )

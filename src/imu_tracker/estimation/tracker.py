@@ -23,7 +23,7 @@ from imu_tracker.estimation.receiver.utc import UtcClock
 from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.rewind import COAST_NS, USED_OUTCOMES
 from imu_tracker.estimation.rows import ModeMonitor, RowGrid
-from imu_tracker.estimation.settings import TrackerSettings, later, navigator_of
+from imu_tracker.estimation.settings import TrackerSettings, navigator_of, relative_to
 from imu_tracker.motion.preintegration import ImuStep, Preintegrator
 from imu_tracker.motion.standstill import Rest, StandstillDetector
 from imu_tracker.samples import GpsFix, ImuSample, NavState, UtcTime
@@ -284,7 +284,7 @@ class Tracker:
         if learnt is None or self._phase is Phase.WAITING:
             return None
         row_utc_ns = self._grid.next_utc_ns
-        return later(learnt, self._utc.latency_ns * 1e-9)._replace(
+        return relative_to(learnt, self._utc.latency_ns * 1e-9)._replace(
             utc_s=None if row_utc_ns is None else row_utc_ns * 1e-9,
             still_levels=self._standstill.vibration.levels,
         )

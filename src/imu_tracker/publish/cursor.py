@@ -4,7 +4,6 @@ What a newcomer gets wrong: the cursor stands behind the last row that the other
 has said it has, not behind the last one that was read or sent.
 """
 
-import fcntl
 import json
 import logging
 import math
@@ -14,7 +13,7 @@ from typing import Any, Final, Self
 
 from imu_tracker.errors import OutputError
 from imu_tracker.publish.thinning import Placed
-from imu_tracker.storage.atomic import make_directories, replace_file
+from imu_tracker.storage.atomic import lock_path, make_directories, replace_file
 from imu_tracker.storage.latlong import LogRow
 from imu_tracker.storage.log_tail import TailPosition
 
@@ -59,9 +58,12 @@ class Cursor:
         self._is_saved, self._is_failing = True, False
         try:
             make_directories(directory)
-            self._lock = _lock(directory / f".cursor-{name}.lock")
-        except OutputError:
-            raise
+            self._lock = lock_path(self._path)
+        except OutputError as error:
+            raise OutputError(
+                f"{self._path}: another imu-tracker publish has it; end that one, or "
+                "give this destination another name"
+            ) from error
         except OSError as error:
             raise OutputError(
                 f"{directory}: the cursor of {name} cannot be kept there: "
@@ -142,17 +144,3 @@ def _placed(found: dict[str, Any]) -> Placed:
     if not math.isfinite(row.utc_s) or not all(type(n) is int for n in whole):
         raise ValueError
     return Placed(row, position._replace(utc_s=float(position.utc_s)))
-
-
-def _lock(path: Path) -> int:
-    """Take the lock, which goes with the process, however that ends."""
-    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o640)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(fd)
-        raise OutputError(
-            f"{path}: another imu-tracker publish has it; end that one, or give this "
-            "destination another name"
-        ) from error
-    return fd

@@ -47,8 +47,9 @@ MOST_CHI2: Final = 6.6
 """Of one degree of freedom, 99 %: recordings that differ by more differ in fact."""
 
 CORRELATED: Final = 2.0
-"""Innovations of a minute share their errors, and the filter adapts to a wrong lever
-arm: values scatter so much more than their covariance says, on simulated drives."""
+"""A safety margin on the sigmas, not a validated factor. Innovations of a minute share
+their errors, and the filter adapts to a wrong lever arm, so that values scatter more
+than their covariance says; five simulated drives are all that it was looked at with."""
 
 _POSITION, _VELOCITY = "position", "velocity"
 _LASTING, _VELOCITY_DELAY = 17, 20  # columns that only these measurements have
@@ -103,18 +104,10 @@ class Trial(Replay):
 
     @property
     def latency_s(self) -> Estimate:
-        """From the instant that a fix describes to its arrival.
-
-        Notes
-        -----
-        The filter counts how much later than assumed fixes describe: by so much less
-        they are late.
-        """
-        if self.learnt is None or self.settings is None:
+        """From the instant that a fix describes to its arrival."""
+        if self.learnt is None:
             return Estimate(0.0, np.inf)
-        assumed_s = self.settings.assumed_latency_s
-        delay_s = self.learnt.latency_s - assumed_s
-        return Estimate(assumed_s - delay_s, self.learnt.latency_sigma_s)
+        return Estimate(self.learnt.latency_s, self.learnt.latency_sigma_s)
 
     def pipeline(self, header: SessionHeader, settings: TrackerSettings) -> Pipeline:
         """Make the pipeline of a session, with what this trial changes."""

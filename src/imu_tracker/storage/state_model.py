@@ -20,7 +20,7 @@ from imu_tracker.samples import Mount
 from imu_tracker.wheels.orders import N_STRENGTHS, KeptWheels
 
 FORMAT: Final = "imu-tracker state"
-VERSION: Final = 2
+VERSION: Final = 3
 
 _LEAST_SIGMA: Final = 1e-9  # no covariance of a filter may begin at zero
 _UNIT: Final = 1e-6
@@ -148,7 +148,7 @@ class State(_Part):
     """The whole file: what was learnt, of which sensor, and when."""
 
     format: Literal["imu-tracker state"] = FORMAT
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
     saved_utc: Annotated[_Utc | None, BeforeValidator(_instant)]  # null: never told
     chip: Annotated[str, Field(max_length=100)]
     mount: MountAxes

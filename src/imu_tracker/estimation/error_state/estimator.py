@@ -58,7 +58,7 @@ class ErrorState:
     lever_arm_m : Vec3, body axes
         From the chip to the antenna.
     prior : LearnedParameters, optional
-        What an earlier run learnt; its latency counts from what the tracker assumes.
+        What an earlier run learnt; its latencies are delays here, see `warm_start`.
     uses_wheels : bool
         Whether an outage's speed is taken from the vibration of the wheels.
     fix_period : FixPeriod, optional

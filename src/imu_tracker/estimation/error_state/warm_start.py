@@ -87,7 +87,11 @@ class Place(NamedTuple):
 
 
 class LearnedParameters(NamedTuple):
-    """What a run learnt, in body axes; sigmas are standard deviations."""
+    """What a run learnt, in body axes; sigmas are standard deviations.
+
+    Latencies are from the instant that a fix describes to its arrival. Inside the
+    error-state estimator they are delays: how much later than assumed it describes.
+    """
 
     profile: str
     noise_level: int

@@ -15,6 +15,7 @@ from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.pipeline import Pipeline
 from imu_tracker.samples import DEFAULT_MOUNT, Frame, Mount, SessionHeader, Source
 from imu_tracker.simulation import TruthRow, simulate
+from imu_tracker.simulation.receiver.receiver import TYPICAL_RECEIVER
 from support.simulated import Figures, compare
 
 DAY_S = 86400.0
@@ -31,10 +32,13 @@ def simulated(
 
 
 def tracked(
-    seed: int, prior: LearnedParameters | None = None, mount: Mount = DEFAULT_MOUNT
+    seed: int,
+    prior: LearnedParameters | None = None,
+    mount: Mount = DEFAULT_MOUNT,
+    latency_s: float | None = None,
 ) -> tuple[Figures, Pipeline]:
     header, frames, truth = simulated(seed, mount)
-    settings = TrackerSettings("error-state", "vehicle", None, prior=prior)
+    settings = TrackerSettings("error-state", "vehicle", latency_s, prior=prior)
     pipeline = Pipeline(header, settings)
     rows = [row for frame in frames for row in pipeline.feed(frame)]
     return compare(rows, truth), pipeline
@@ -69,6 +73,22 @@ def test_what_was_learnt_sharpens_the_start_of_the_same_car() -> None:
     assert isinstance(cold_sigma, list)
     assert isinstance(warm_sigma, list)
     assert np.all(np.less(warm_sigma, cold_sigma))
+
+
+def test_a_latency_is_remembered_when_another_one_is_configured() -> None:
+    """The receiver's is 0.2 s, whatever a run assumes."""
+    assert TYPICAL_RECEIVER.latency_s == pytest.approx(0.2, abs=0.05)
+    kept = tracked(4, latency_s=0.5)[1].learned_parameters()
+    assert kept is not None
+    assert kept.latency_s == pytest.approx(TYPICAL_RECEIVER.latency_s, abs=0.1)
+    header, frames, _ = simulated(4)
+    settings = TrackerSettings("error-state", "vehicle", 0.9, prior=kept)
+    pipeline = Pipeline(header, settings)
+    for frame in frames[:500]:  # 5 s: nothing has been measured yet
+        pipeline.feed(frame)
+    # Fixes describe so much later than this run assumes.
+    told = pipeline.report()["delay_s"]
+    assert told == pytest.approx(0.9 - kept.latency_s, abs=0.02)
 
 
 @pytest.mark.parametrize("days", [1.0, 30.0])
