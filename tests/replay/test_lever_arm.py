@@ -15,9 +15,9 @@ from imu_tracker.simulation import Simulated, simulate
 METRES_PER_DEG = 111_200.0
 
 
-def drive(lever_m: float, seconds: float = 150.0) -> Simulated:
+def drive(lever_m: float, seconds: float = 150.0, seed: int = 3) -> Simulated:
     lever_arm_m = (lever_m, 0.0, -1.0) if lever_m else (0.0, 0.0, 0.0)
-    return simulate("drive", seed=3, duration_s=seconds, lever_arm_m=lever_arm_m)
+    return simulate("drive", seed=seed, duration_s=seconds, lever_arm_m=lever_arm_m)
 
 
 def test_the_antenna_is_ahead_by_the_lever_arm_wherever_the_body_points() -> None:
@@ -45,16 +45,17 @@ def test_the_velocity_of_the_antenna_is_that_of_its_places() -> None:
 def test_r95_is_true_whether_the_lever_arm_is_configured_or_not(
     lever_m: float, is_configured: bool
 ) -> None:
-    simulated = drive(lever_m, seconds=300.0)
     lever = f"gps.lever_arm_m=[{lever_m},0,-1]"
-    replay = Replay(load_config(None, [lever] if is_configured else []))
-    rows = list(replay.rows([simulated.header, *simulated.frames]))
-    truth = {round(row.utc_s * 1000): row for row in simulated.truth}
     inside = []
-    for row in rows[120:]:
-        true = truth[round(row.utc_s * 1000)]
-        north_m = math.degrees(row.lat_rad - true.lat_rad) * METRES_PER_DEG
-        east_m = math.degrees(row.lon_rad - true.lon_rad) * METRES_PER_DEG
-        east_m *= math.cos(true.lat_rad)
-        inside.append(math.hypot(north_m, east_m) <= row.r95_m)
+    for seed in (3, 4):  # a receiver's lasting error is one draw a drive
+        simulated = drive(lever_m, 300.0, seed)
+        replay = Replay(load_config(None, [lever] if is_configured else []))
+        rows = list(replay.rows([simulated.header, *simulated.frames]))
+        truth = {round(row.utc_s * 1000): row for row in simulated.truth}
+        for row in rows[120:]:
+            true = truth[round(row.utc_s * 1000)]
+            north_m = math.degrees(row.lat_rad - true.lat_rad) * METRES_PER_DEG
+            east_m = math.degrees(row.lon_rad - true.lon_rad) * METRES_PER_DEG
+            east_m *= math.cos(true.lat_rad)
+            inside.append(math.hypot(north_m, east_m) <= row.r95_m)
     assert sum(inside) / len(inside) > 0.95

@@ -1,10 +1,11 @@
-"""Owns time: the order of events, the history for late ones, the grid of rows.
+"""Handles time: the order of events, late fixes, and the instants of the rows.
 
-Events come in the order of arrival; estimates are made in the order of the instants
-that the events describe. A fix that arrives describes an instant in the past; what that
-means is the estimator's affair: error-state runs behind by as much (`fixed_lag`),
-six-state returns to a snapshot of that instant and repeats the steps since (`rewind`).
-Rows lie on the grid of UTC and never use what arrived after them.
+Events come in order of arrival; estimates are made in order of the instants that the
+events describe. A fix describes an instant before its arrival, and each estimator
+handles that in its own way: error-state lags behind the present by the latency of the
+fixes (`fixed_lag`); six-state returns to a snapshot of that instant and repeats the
+steps since then (`rewind`). Rows are at multiples of the output interval in UTC and
+never use events that arrived after them.
 """
 
 import math

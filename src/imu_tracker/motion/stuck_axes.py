@@ -15,9 +15,10 @@ BLOCK_SAMPLES: Final = 80
 BLOCK_NS: Final = 500_000_000
 """An axis is judged by so many samples, and by so much time."""
 
-LIVING_SHARE: Final = 0.25
-"""Noise turns round at two samples of three; two axes that do so at a quarter of them
-and a third one that never moves, 80 times: not by chance."""
+LIVING_SHARE: Final = 0.1
+"""Noise turns round at two samples of three, a vibration of 5 Hz at one of ten, motion
+at one of a hundred. Two axes that do so at a tenth of them and a third one that never
+moves, 80 times: not by chance."""
 
 CLIPPED_NS: Final = 200_000_000
 """An impact clips for some hundredths of a second, and the estimators can carry that.

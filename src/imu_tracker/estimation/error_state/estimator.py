@@ -1,9 +1,9 @@
-"""The error-state filter: learns its tilt, its biases, its heading, its mounting.
+"""The error-state estimator: also estimates tilt, heading, biases and mounting.
 
-Here its parts are put together and driven through time. The filters stay some tenths
-of a second behind (`fixed_lag`), move on by steps (`propagation`), are corrected by
-fixes (`fix_update`) and turned the right way round (`hypotheses/alignment`); rows are
-predicted from their instant through the steps that wait.
+This module combines its parts and advances them in time. The filters lag behind the
+present (`fixed_lag`), are propagated by steps (`propagation`), corrected by fixes
+(`fix_update`) and aligned (`hypotheses/alignment`). Rows are predicted from the
+filters' instant through the buffered steps.
 """
 
 import math

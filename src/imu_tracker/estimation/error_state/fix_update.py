@@ -1,4 +1,4 @@
-"""A fix against the filters: used, de-weighted, rejected, or a restart."""
+"""Update the filters by a fix: use it, de-weight it, reject it, or restart from it."""
 
 import math
 from collections.abc import Callable

@@ -554,11 +554,18 @@ def test_a_stream_that_is_cut_gives_a_prefix() -> None:
 
 
 def test_a_receiver_that_tells_places_alone_will_do() -> None:
-    result = drive(
-        seed=1,
-        keep=lambda frame, t_s: frame.source is not Source.GPS or b"GGA" in frame.data,
-    )
-    late = result.t_s > 60.0
-    assert np.all(np.isfinite(result.r95_m))
-    assert (result.error_m <= result.r95_m)[late].mean() > 0.85
-    assert result.error_m[late].max() < 30.0
+    inside: list[bool] = []
+    worst = 0.0
+    for seed in range(4):  # a receiver's lasting error is one draw a drive
+        result = drive(
+            seed=seed,
+            keep=lambda frame, _: (
+                frame.source is not Source.GPS or b"GGA" in frame.data
+            ),
+        )
+        late = result.t_s > 60.0
+        assert np.all(np.isfinite(result.r95_m))
+        inside += (result.error_m <= result.r95_m)[late].tolist()
+        worst = max(worst, (result.error_m / result.r95_m)[late].max())
+    assert np.mean(inside) > 0.9
+    assert worst < 2.0

@@ -88,7 +88,7 @@ class WheelAiding:
         if answer is not None:
             scale = main.wheel_scale
             for eskf in filters:
-                correct(eskf, answer, speed_mps, scale)
+                correct(eskf, answer, speed_mps, scale, has_gps=has_gps)
             self._wheels.shift(along(main)[0] - speed_mps)
 
     def _follow(self, filters: tuple[Eskf, ...]) -> None:
@@ -190,17 +190,26 @@ def forward(eskf: Eskf) -> np.ndarray:
 
 
 def correct(
-    eskf: Eskf, found: SpeedError, asked_mps: float, asked_scale: float
+    eskf: Eskf,
+    found: SpeedError,
+    asked_mps: float,
+    asked_scale: float,
+    *,
+    has_gps: bool,
 ) -> None:
     """Fold in what was found for a speed and a scale, softly gated.
 
-    Softly, since a line can be taken for its neighbour's or for the engine's.
+    Softly, since a line can be taken for its neighbour's or for the engine's. For the
+    same reason the speed is left to the receiver while there is one: its error counts
+    as noise, and only the circumference is learnt.
     """
-    speed_mps, _ = along(eskf)
+    speed_mps, sigma_mps = along(eskf)
     if speed_mps < 0.5 * LEAST_SPEED_MPS:
         return
     own_mps = (asked_mps + found.error_mps) * (1.0 + eskf.wheel_scale - asked_scale)
-    measured = Measurement(
-        np.array([own_mps - speed_mps]), forward(eskf), np.array([[found.var]])
-    )
+    H, var = forward(eskf), found.var
+    if has_gps:
+        H[0, VELOCITY] = 0.0
+        var += sigma_mps**2
+    measured = Measurement(np.array([own_mps - speed_mps]), H, np.array([[var]]))
     eskf.update(soft_gated_1d(measured, eskf.innovation_covariance(measured)))

@@ -1,9 +1,10 @@
-"""Which way is down, which way is north, and how the box sits: the coarse stage.
+"""Coarse alignment: find down, north, and the mounting of the box.
 
-Course is not heading. A vehicle goes along its course, but its box may lie turned, or
-it may reverse: when the course is known first, eight filters begin, one for each way
-the box may be turned, weighted by what the accelerations before have told the yaw bank.
-The fixes decide between them. Bodies without wheels have the yaw bank alone.
+Course is not heading. A vehicle moves along its course, but its box may be mounted
+turned, or the vehicle may reverse. So when the course is first known, eight filters
+start, one for each 45 degrees of mounting yaw, weighted by the yaw bank, which compares
+earlier accelerations with the receiver. Fixes then decide between them. Without wheels,
+only the yaw bank gives a heading.
 """
 
 import math

@@ -1,10 +1,10 @@
-"""The filters with an IMU: one leads, rivals run beside it, fixes decide.
+"""The bank of filters that use the IMU: a leader, and rivals that fixes compare to it.
 
-A rival differs by its noise level, by its heading and mounting, or by what an earlier
-run learnt. The noise of a chip that is glued to a car and of a phone in its holder
-differ by ten, and a box may sit in its vehicle in any way: nothing but the receiver
-tells. Each fix adds the difference of the log-likelihoods to a rival's odds against
-the leader.
+A rival has another noise level, another heading and mounting, or does or does not use
+what an earlier run learnt. The noise of a chip that is glued to a car and that of a
+phone in its holder differ by a factor of ten, and a box may be mounted in any way; only
+fixes show which filter is right. Each fix adds the difference of the log-likelihoods to
+the log odds of a rival against the leader.
 """
 
 import math

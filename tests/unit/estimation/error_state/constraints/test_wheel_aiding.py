@@ -42,7 +42,7 @@ def test_a_speed_and_its_sigma_are_those_along_the_track() -> None:
 
 def test_a_measurement_changes_the_speed_and_not_the_course() -> None:
     eskf = moving((12.0, 16.0, 0.0))
-    correct(eskf, SpeedError(1.5, 0.01), 20.0, 0.0)
+    correct(eskf, SpeedError(1.5, 0.01), 20.0, 0.0, has_gps=False)
     vn, ve, _ = eskf.nominal.v_n
     assert math.hypot(vn, ve) == pytest.approx(21.5, abs=0.02)
     assert math.atan2(ve, vn) == pytest.approx(math.atan2(16.0, 12.0), abs=1e-6)
@@ -50,13 +50,14 @@ def test_a_measurement_changes_the_speed_and_not_the_course() -> None:
 
 def test_a_filter_that_is_slower_than_the_one_that_was_asked_is_brought_to_it() -> None:
     eskf = moving((18.0, 0.0, 0.0))
-    correct(eskf, SpeedError(1.0, 0.01), 20.0, 0.0)  # it was asked at 20 m/s
+    asked_mps = 20.0
+    correct(eskf, SpeedError(1.0, 0.01), asked_mps, 0.0, has_gps=False)
     assert eskf.nominal.v_n[0] == pytest.approx(21.0, abs=0.02)
 
 
 def test_an_answer_beyond_three_sigma_counts_for_little() -> None:
     eskf = moving((20.0, 0.0, 0.0), speed_sigma_mps=0.2)
-    correct(eskf, SpeedError(6.0, 0.01), 20.0, 0.0)
+    correct(eskf, SpeedError(6.0, 0.01), 20.0, 0.0, has_gps=False)
     assert eskf.nominal.v_n[0] - 20.0 < 0.2
 
 
@@ -65,7 +66,7 @@ def test_an_unknown_circumference_does_not_average_out() -> None:
     eskf = moving((20.0, 0.0, 0.0))
     eskf.set_variances(WHEEL_SCALE, 0.01**2)
     for _ in range(200):
-        correct(eskf, SpeedError(0.0, 0.01), 20.0, eskf.wheel_scale)
+        correct(eskf, SpeedError(0.0, 0.01), 20.0, eskf.wheel_scale, has_gps=False)
     assert eskf.sigma(3) == pytest.approx(0.2, rel=0.05)
 
 
@@ -74,10 +75,19 @@ def test_a_known_speed_teaches_the_circumference() -> None:
     eskf.set_variances(WHEEL_SCALE, 0.01**2)
     for _ in range(50):  # the wheels are 0.5 % larger than is believed
         believed_mps = 20.0 * (1.0 + eskf.wheel_scale) / 1.005
-        correct(eskf, SpeedError(believed_mps - 20.0, 0.02), 20.0, eskf.wheel_scale)
+        answer = SpeedError(believed_mps - 20.0, 0.02)
+        correct(eskf, answer, 20.0, eskf.wheel_scale, has_gps=True)
     assert eskf.wheel_scale == pytest.approx(0.005, abs=0.0005)
     assert eskf.nominal.v_n[0] == pytest.approx(20.0, abs=0.05)
     assert eskf.sigma(WHEEL_SCALE) < 0.002
+
+
+def test_with_gps_the_speed_is_the_receivers() -> None:
+    eskf = moving((20.0, 0.0, 0.0))
+    eskf.set_variances(WHEEL_SCALE, 0.01**2)
+    correct(eskf, SpeedError(3.0, 0.01), 20.0, 0.0, has_gps=True)
+    assert eskf.nominal.v_n[0] == 20.0
+    assert eskf.sigma(3) == pytest.approx(2.0)
 
 
 def test_wheels_can_be_switched_off_and_change_nothing_where_none_are_heard() -> None:
