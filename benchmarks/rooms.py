@@ -8,13 +8,20 @@ out, so that the picture shows the order and not every import.
 
 import argparse
 import ast
+from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
+from typing import TypeAlias
 
 import imu_tracker
 
 ROOT = Path(imu_tracker.__file__).parent
 PACKAGE = "imu_tracker"
+SWEEPS = 24  # down and up; the picture changes no more then
 BELOW = frozenset({"samples", "errors"})  # imported by nearly all: no arrows
+
+Node: TypeAlias = tuple[str, str]
+"""A room and "", or where its arrow passes a floor."""
 
 
 def room_of(parts: tuple[str, ...]) -> str:
@@ -76,6 +83,62 @@ def direct(arrows: dict[str, set[str]]) -> list[tuple[str, str]]:
     ]
 
 
+def layers_of(
+    height: dict[str, int], arrows: list[tuple[str, str]]
+) -> tuple[list[list[Node]], list[list[Node]]]:
+    """Return the nodes of each floor, and each arrow as a way from floor to floor.
+
+    An arrow that passes a floor has a node there, so that no room stands in its way.
+    """
+    layers: list[list[Node]] = [[] for _ in range(max(height.values()) + 1)]
+    for room in sorted(height):
+        layers[height[room]].append((room, ""))
+    ways = []
+    for room, other in arrows:
+        between = range(height[room] - 1, height[other], -1)
+        passed = [(room, f"{other} {level}") for level in between]
+        for level, node in zip(between, passed, strict=True):
+            layers[level].append(node)
+        ways.append([(room, ""), *passed, (other, "")])
+    return layers, ways
+
+
+def placed(layers: list[list[Node]], ways: list[list[Node]]) -> dict[Node, float]:
+    """Give each node its x: near to its neighbours, and no two in one place.
+
+    Source: Sugiyama, Tagawa and Toda 1981, the barycentre method.
+    """
+    above: dict[Node, list[Node]] = defaultdict(list)
+    below: dict[Node, list[Node]] = defaultdict(list)
+    for way in ways:
+        for upper, lower in pairwise(way):
+            above[lower].append(upper)
+            below[upper].append(lower)
+    x: dict[Node, float] = {}
+    for layer in layers:
+        x |= {node: i - 0.5 * len(layer) for i, node in enumerate(layer)}
+    for turn in range(SWEEPS):
+        is_down = turn % 2 == 0
+        for layer in reversed(layers) if is_down else layers:
+            for node in layer:
+                near = (above if is_down else below)[node] or [node]
+                x[node] = sum(x[each] for each in near) / len(near)
+            layer.sort(key=lambda node: x[node])
+            wanted_x = sum(x[node] for node in layer) / len(layer)
+            for left, right in pairwise(layer):
+                x[right] = max(x[right], x[left] + 0.5 * (width(left) + width(right)))
+            shift = wanted_x - sum(x[node] for node in layer) / len(layer)
+            for node in layer:
+                x[node] += shift
+    return x
+
+
+def width(node: Node) -> float:
+    """How much room a node takes, in characters: its name, or an arrow that passes."""
+    room, passing = node
+    return 3.0 if passing else len(room) + 5.0
+
+
 def draw(output: Path) -> None:
     """Draw the picture."""
     import matplotlib as mpl
@@ -85,30 +148,30 @@ def draw(output: Path) -> None:
 
     arrows = imports()
     height = floors(arrows)
-    top = max(height.values())
-    place: dict[str, tuple[float, float]] = {}
-    for level in range(top + 1):
-        here = sorted(room for room in arrows if height[room] == level)
-        for i, room in enumerate(here):
-            place[room] = ((i + 0.5) / len(here) * 10.0, float(level))
-    figure, axes = plt.subplots(figsize=(9.0, 0.9 * (top + 1.5)))
-    for room, other in direct(arrows):
-        axes.annotate(
-            "",
-            xy=(place[other][0], place[other][1] + 0.2),
-            xytext=(place[room][0], place[room][1] - 0.2),
-            arrowprops={"arrowstyle": "-|>", "color": "0.55", "linewidth": 0.9},
-        )
-    for room, (x, y) in place.items():
-        axes.text(
-            *(x, y, room),
-            ha="center",
-            va="center",
-            fontsize=10,
-            bbox={"boxstyle": "round,pad=0.35", "facecolor": "#e8f1fa"},
-        )
-    axes.set_xlim(-0.3, 10.3)
-    axes.set_ylim(-0.6, top + 0.6)
+    layers, ways = layers_of(height, direct(arrows))
+    x = placed(layers, ways)
+    y = {node: float(level) for level, layer in enumerate(layers) for node in layer}
+    figure, axes = plt.subplots(figsize=(9.0, 0.75 * len(layers)))
+    for way in ways:
+        corners = [(x[way[0]], y[way[0]] - 0.2)]
+        for node in way[1:-1]:
+            corners += [(x[node], y[node] + 0.2), (x[node], y[node] - 0.2)]
+        end = (x[way[-1]], y[way[-1]] + 0.2)
+        axes.plot(*zip(*corners, strict=True), color="0.55", linewidth=0.9)
+        arrow = {"arrowstyle": "-|>", "color": "0.55", "linewidth": 0.9}
+        arrow |= {"shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate("", xy=end, xytext=corners[-1], arrowprops=arrow)
+    for node in x:
+        if not node[1]:
+            axes.text(
+                *(x[node], y[node], node[0]),
+                ha="center",
+                va="center",
+                fontsize=10,
+                bbox={"boxstyle": "round,pad=0.35", "facecolor": "#e8f1fa"},
+            )
+    axes.set_xlim(min(x.values()) - 6.0, max(x.values()) + 6.0)
+    axes.set_ylim(-0.5, len(layers) - 0.5)
     axes.axis("off")
     figure.savefig(output, dpi=110, bbox_inches="tight")
 

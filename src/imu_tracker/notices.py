@@ -43,9 +43,19 @@ class HoldOff:
             if count:  # else it was calm for a minute
                 self._held[key] = text, 0
                 times_ns.append(t_ns)
-                times = "once more" if count == 1 else f"{count} times"
-                told.append(f"{text} ({times} in the last minute)")
+                told.append(_counted(text, count))
         return told
+
+    def take_held(self) -> list[str]:
+        """Return what is still held off: nothing comes after it."""
+        told = [_counted(text, count) for text, count in self._held.values() if count]
+        self._held.clear()
+        return told
+
+
+def _counted(text: str, count: int) -> str:
+    times = "once more" if count == 1 else f"{count} times"
+    return f"{text} ({times} in the last minute)"
 
 
 class Flapping:

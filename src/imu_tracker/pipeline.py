@@ -140,11 +140,16 @@ class Pipeline:
             total += watch.counters
         return total
 
-    def take_notices(self) -> list[str]:
-        """Transitions since the last call, for the log; what repeats is held off."""
+    def take_notices(self, *, is_over: bool = False) -> list[str]:
+        """Transitions since the last call, for the log.
+
+        What repeats is held off, until the stream is over.
+        """
         watches = (self._epochs, self._axes, self._backlog, self._spoofing)
         said = [notice for watch in watches for notice in watch.take_notices()]
-        return self._hold_off.pass_on(self._now_ns, said + self._tracker.take_notices())
+        said += self._tracker.take_notices()
+        told = self._hold_off.pass_on(self._now_ns, said)
+        return told + self._hold_off.take_held() if is_over else told
 
     @property
     def unread(self) -> dict[str, int]:

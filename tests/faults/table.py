@@ -59,7 +59,7 @@ class Fault(NamedTuple):
 
 
 SPOOFED: Final = "may be led astray"
-LOST: Final = "position lost; started again from the receiver"
+LOST: Final = "position reset to the receiver's"
 JUMPED: Final = "the receiver's time jumped"
 OVERLOADED: Final = "more than its line carries"
 BUS: Final[dict[str, Any]] = {"back": "imu", "mode": "gpsonly", "says": "imu lost"}

@@ -11,10 +11,10 @@ from imu_tracker.recording.files import (
     LONGEST_SILENCE_NS,
     RecordingWriter,
     read_recording,
-    tee,
 )
 from imu_tracker.recording.format import MAGIC, MAX_TEXT_BYTES
 from imu_tracker.samples import Frame, SessionHeader, Source
+from support.recorded import tee
 
 times = st.integers(0, LONGEST_SILENCE_NS)
 bursts = st.builds(

@@ -52,6 +52,14 @@ def test_numbers_make_no_difference_and_the_newest_is_told() -> None:
     assert said[-1][1].startswith("jumped by +19.5 s (37 times")
 
 
+def test_at_the_end_what_was_held_off_is_told_once() -> None:
+    hold_off = HoldOff()
+    for k in range(BURST + 4):
+        hold_off.pass_on(k * S, ["imu lost"])
+    assert hold_off.take_held() == ["imu lost (4 times in the last minute)"]
+    assert hold_off.take_held() == []
+
+
 def test_other_notices_are_not_held_off_by_a_flood() -> None:
     flood = [(k / 10, "imu lost") for k in range(100)]
     assert (5.0, "GPS in use") in told(*flood, (5.0, "GPS in use"))

@@ -65,7 +65,8 @@ class RowGrid:
                 self.next_utc_ns += self._rounded_up(hole_ns)
                 way = "forward" if hole_ns > 0 else "back"
                 self._notify(
-                    f"the rows' times go {way} by {abs(hole_ns) * 1e-9:.1f} s at once"
+                    f"rows jump {way} by {abs(hole_ns) * 1e-9:.1f} s, as the receiver "
+                    "corrected its time: earlier rows may be dated wrong by as much"
                 )
 
     def _rounded_up(self, utc_ns: int) -> int:

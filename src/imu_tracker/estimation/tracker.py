@@ -18,7 +18,7 @@ from imu_tracker.estimation.estimate import R95_PER_SIGMA
 from imu_tracker.estimation.life_cycle import Phase
 from imu_tracker.estimation.prediction import Prediction, Turning, predict
 from imu_tracker.estimation.receiver.fix_period import FixPeriod
-from imu_tracker.estimation.receiver.gate import FixOutcome
+from imu_tracker.estimation.receiver.gate import POSITION_RESET, FixOutcome
 from imu_tracker.estimation.receiver.utc import UtcClock
 from imu_tracker.estimation.report import EstimatorReport
 from imu_tracker.estimation.rewind import COAST_NS, USED_OUTCOMES
@@ -148,7 +148,7 @@ class Tracker:
         if outcome in USED_OUTCOMES:
             self._modes.set_used(self._now_ns)
         if outcome is FixOutcome.REACQUIRED:
-            self._notify("position lost; started again from the receiver")
+            self._notify(POSITION_RESET)
         return outcome
 
     def _add_epoch(self, arrival_ns: int, utc_s: float) -> None:

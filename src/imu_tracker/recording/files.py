@@ -12,7 +12,7 @@ import zlib
 from abc import ABC, abstractmethod
 from binascii import unhexlify
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Self
@@ -254,15 +254,3 @@ class LiveRecordingWriter(FrameWriter):
 
     def _append(self, records: bytes) -> bool:
         return self._file.append(records)
-
-
-def tee(
-    stream: Iterable[SessionHeader | Frame], writer: FrameWriter
-) -> Iterator[SessionHeader | Frame]:
-    """Record a stream as it passes."""
-    for item in stream:
-        if isinstance(item, SessionHeader):
-            writer.write_header(item)
-        else:
-            writer.write(item)
-        yield item

@@ -71,6 +71,7 @@ class Replay:
         """
         for item in stream:
             if isinstance(item, SessionHeader):
+                self._tell(is_over=True)
                 yield from self._kept(self.remaining())
                 self._elapsed_s = self._stopwatch.read(item)
                 self._begin(item)
@@ -83,7 +84,7 @@ class Replay:
             for due in self._due_rows(self._pipeline, item):
                 self._tell()
                 yield from self._kept(self.finished(due))
-        self._tell()
+        self._tell(is_over=True)
         yield from self._kept(self.remaining())
 
     def finished(self, due: list[NavState]) -> list[NavState]:
@@ -189,11 +190,12 @@ class Replay:
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
 
-    def _tell(self) -> None:
-        if self._pipeline is not None:
-            for notice in self._pipeline.take_notices():
-                log.info("at %.1f s: %s", self._elapsed_s, notice)
-                self.notices.append((self._elapsed_s, notice))
+    def _tell(self, *, is_over: bool = False) -> None:
+        if self._pipeline is None:
+            return
+        for notice in self._pipeline.take_notices(is_over=is_over):
+            log.info("at %.1f s: %s", self._elapsed_s, notice)
+            self.notices.append((self._elapsed_s, notice))
 
     def _unread(self) -> dict[str, int]:
         """Why sentences of the last session could not be used, and how often."""

@@ -12,12 +12,12 @@ from imu_tracker.recording.files import (
     LiveRecordingWriter,
     RecordingWriter,
     read_recording,
-    tee,
 )
 from imu_tracker.recording.layout import layout_of
 from imu_tracker.samples import Frame, SessionHeader, Source
 from imu_tracker.storage.append_file import Limits
 from support.nmea_text import sentence
+from support.recorded import tee
 from support.small_disk import SmallDisk
 
 SECOND_NS = 1_000_000_000

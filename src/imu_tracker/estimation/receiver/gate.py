@@ -25,6 +25,12 @@ class FixOutcome(StrEnum):
     UNDATED = "undated"
 
 
+POSITION_RESET: Final = (
+    "position reset to the receiver's, which disagreed for too long: rows just before "
+    "may be wrong; if this repeats, run imu-tracker report on a recording"
+)
+"""What is told of a fix that was REACQUIRED."""
+
 NIS_LIMIT: Final = 25.0
 """Squared distance in standard deviations, two degrees of freedom. Chi-square
 would pass 99.9996 %; receivers have heavier tails than that, and a wrong rejection

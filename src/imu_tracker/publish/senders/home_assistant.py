@@ -16,7 +16,6 @@ from imu_tracker.storage.latlong import LogRow, format_utc
 
 PREFIX: Final = "homeassistant"
 STATUS_TOPIC: Final = f"{PREFIX}/status"
-BORN: Final = b"online"
 EXPIRE_S: Final = 900
 """After three times the silence of a tracker at rest its sensors are unknown."""
 

@@ -19,7 +19,7 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
 from imu_tracker.config.publishing import Endpoint
-from imu_tracker.publish.senders.dialects import Dialect, Message
+from imu_tracker.publish.senders.dialects import ONLINE, Dialect, Message
 from imu_tracker.publish.senders.security import Credentials, explain
 from imu_tracker.publish.senders.sender import (
     ANSWER_S,
@@ -279,5 +279,5 @@ class MqttSender:
             self._acknowledged.add(mid)
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
-        if not message.retain and message.payload.lower() == b"online":
+        if not message.retain and message.payload.lower() == ONLINE:
             self._is_asked = True
