@@ -26,7 +26,7 @@ PAGES: Final = ("README.md", "docs/estimation.md", "docs/serve.md")
 COMMANDS: Final[Mapping[str, str]] = {
     "accuracy": "benchmarks.accuracy",
     "carriers": "benchmarks.carriers --seeds 4",
-    "consistency": "benchmarks.consistency --drives 60",
+    "consistency": "benchmarks.consistency --drives 20",
     "serving": "benchmarks.serving",
 }
 
