@@ -73,7 +73,7 @@ OURS = tuple(
 
 
 def traced_bytes() -> int:
-    """Return what the tracker allocated since tracing began and still holds; 0: none."""
+    """Return what the tracker allocated since tracing began and still holds, or 0."""
     if not tracemalloc.is_tracing():
         return 0
     kept = tracemalloc.take_snapshot().filter_traces(OURS)
