@@ -46,7 +46,7 @@ class Pipeline:
         Frames come from hardware now: a receiver's date before the release of this
         program is then a rolled-over one.
     corrections : Corrections, optional
-        What is known of this very chip; without them it is taken for the datasheet's.
+        What is known of this chip; without them the datasheet is assumed.
 
     Raises
     ------

@@ -14,8 +14,8 @@ configuration give the same log, to the byte.
 
 Ranges and rate come from the recording's header; its mount, profile and start_utc,
 too, unless --set or the file says otherwise. With --truth it tells how far off the
-track is, and whether r95 keeps its promise; --gps-outage and --gps-every show how it
-would be with less GPS."""
+track is, and how often the truth lies inside r95; --gps-outage and --gps-every show
+how it would be with less GPS."""
 
 _EXAMPLES = """\
   imu-tracker replay drive.rec --output drive.csv

@@ -57,7 +57,7 @@ def add_simulate(subparsers: Subparsers) -> None:
     parser = add_command(
         subparsers,
         "simulate",
-        "make a recording out of thin air",
+        "make a recording of a simulated drive",
         _DESCRIPTION,
         _EXAMPLES,
     )

@@ -10,9 +10,10 @@ Track a recording forward and backward, for the best track after the drive: each
 uses all that came before it and after it. A tunnel is known from both ends, and what
 was learnt on the last mile corrects the first one.
 
-Same rows, same format and same options as `replay`; r95 is the radius of the smoothed
-place. A row may use what came minutes later: this is not what the tracker would have
-said live. Takes a quarter longer than `replay`, and some 100 MB for any length."""
+Rows and options are those of `replay`, without --state and --speed; r95 is the radius
+of the smoothed position. A row uses data from minutes later, so this is not what the
+tracker would have written live. It takes a quarter longer than `replay`, and some
+100 MB whatever the length of the recording."""
 
 _EXAMPLES = """\
   imu-tracker smooth drive.rec --output drive.csv

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _DESCRIPTION = """\
-Learn what this very chip is like. All of it is optional, takes ten minutes, and is
+Learn the errors of this chip. All of it is optional, takes ten minutes, and is
 kept in one file, imu.calibration, that the daemon reads when it starts.
 
   gyro    lay it down and leave it: the bias of the gyroscope
@@ -54,7 +54,7 @@ def add_calibrate(subparsers: Subparsers) -> None:
     parser = add_command(
         subparsers,
         "calibrate",
-        "learn what this very chip is like",
+        "learn the errors of this chip",
         _DESCRIPTION,
         _EXAMPLES,
     )
