@@ -106,7 +106,7 @@ def find(config: Config, stream: Callable[[], Stream]) -> Finding:
 def toml(findings: Sequence[Finding]) -> Iterator[str]:
     """Yield the lines of the settings that explain the recordings."""
     total_s = sum(each.duration_s for each in findings)
-    yield f"# from {len(findings)} recordings, {total_s / 60.0:.0f} minutes"
+    yield f"# recordings: {len(findings)}, minutes: {total_s / 60.0:.0f}"
     known = [each for each in findings if each.learnt is not None]
     if not known:
         yield "# cannot tell anything: no recording with samples and fixes that move"

@@ -132,5 +132,5 @@ def _write_table(output: Path, jobs: "list[Job]", lines: "dict[str, Line]") -> N
         write_parquet(ordered, output / PARQUET)
     failed = sum(bool(line["failed"]) for line in ordered)
     log.info(
-        "%s: written, %d recordings, %d failed", output / TABLE, len(ordered), failed
+        "%s: written; recordings: %d, failed: %d", output / TABLE, len(ordered), failed
     )

@@ -86,7 +86,7 @@ def run_report(args: argparse.Namespace) -> int:
     for finding in findings:
         log.info("%s", finding.what)
     if args.output != STDOUT:
-        log.info("%s: written, %d findings", args.output, len(findings))
+        log.info("%s: written; findings: %d", args.output, len(findings))
     return 0
 
 
