@@ -257,7 +257,7 @@ class ErrorState:
             sigma_rad = math.hypot(prior.place.yaw_sigma_rad, PARKED_YAW_SIGMA_RAD)
             self._alignment.set_parked_yaw(to_euler(prior.place.q_nb)[2], sigma_rad)
         is_fresh = since.elapsed_s is not None and abs(since.elapsed_s) < FRESH_S
-        self._alignment.note_prior(is_fresh=is_fresh)
+        self._alignment.prior.note(is_fresh=is_fresh)
         self._notify("began with what the last run learnt")
 
     def report(self) -> EstimatorReport:

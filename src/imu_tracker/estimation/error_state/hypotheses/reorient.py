@@ -27,22 +27,37 @@ from imu_tracker.estimation.error_state.states import (
     Array,
     start_covariance,
 )
-from imu_tracker.estimation.tuning import INFLATION_S, MAX_RECEIVER_SIGMAS, REVERSE_MPS
+from imu_tracker.estimation.tuning import (
+    INFLATION_S,
+    MAX_RECEIVER_SIGMAS,
+    ODD_MOUNTING_RAD,
+    REVERSE_MPS,
+)
 from imu_tracker.geometry.rotation import (
     conjugate,
     from_euler,
     multiply,
     rotate,
+    to_euler,
     turn_about_down,
     wrap_pi,
 )
-from imu_tracker.samples import Quat
+from imu_tracker.samples import GpsFix, Quat
 
 COURSE_SPEED_MPS: Final = 2.0
 COURSE_SIGMA_RAD: Final = math.radians(5.0)
 COURSE_SIGMA_MPS: Final = 0.2
 """Between course and direction of travel of a vehicle that does not turn tightly, from
 this speed on; and across it, at low speed."""
+
+COURSE_TURN_RADPS: Final = 0.3
+"""A vehicle that turns more tightly does not head along its course."""
+
+RESTED_SIGMA_RADPS: Final = math.radians(0.05)
+"""Better known than this is a gyro's bias only after a rest (`vehicle.rest`)."""
+
+RELEVELLED_SIGMA_RAD: Final = 0.5
+"""What a level may be wrong by that was found amid a turn: an aeroplane banks so."""
 
 TURNED_BOX_RAD: Final = math.radians(35.0)
 """Between course and the box's own ahead: no hand's error."""
@@ -59,6 +74,21 @@ def rotate_yaw(eskf: Eskf, yaw_rad: float) -> None:
     T = np.eye(N_ERRORS)
     T[TILT, TILT] = [[cosine, -sine], [sine, cosine]]
     eskf.transform(T)
+
+
+def set_level(eskf: Eskf, q_nb: Quat) -> None:
+    """Set an attitude found from gravity; far from flat, the box was mounted so."""
+    eskf.nominal = eskf.nominal._replace(q_nb=q_nb)
+    if max(eskf.P.diagonal()[TILT]) > RELEVELLED_SIGMA_RAD**2:
+        eskf.set_variances(TILT, [RELEVELLED_SIGMA_RAD**2] * 2)
+    if is_odd_mounting(q_nb):
+        eskf.q_vb = q_nb
+
+
+def is_odd_mounting(level_q: Quat) -> bool:
+    """Whether a box levelled so lies far from flat in its vehicle."""
+    roll, pitch, _ = to_euler(level_q)
+    return max(abs(roll), abs(pitch)) > ODD_MOUNTING_RAD
 
 
 def set_course_heading(eskf: Eskf, course_rad: float, sigma_rad: float) -> None:
@@ -101,6 +131,21 @@ def course_sigma_rad(speed_mps: float) -> float:
     return math.hypot(COURSE_SIGMA_RAD, COURSE_SIGMA_MPS / max(speed_mps, 0.1))
 
 
+def course_heading(eskf: Eskf, fix: GpsFix) -> tuple[float, float] | None:
+    """Return a vehicle's heading by its course and the sigma, rad; None if unknown.
+
+    Unknown without velocity, at low speed and in a tight turn.
+    """
+    if fix.vel_ne_mps is None:
+        return None
+    vn, ve = fix.vel_ne_mps
+    speed_mps = math.hypot(vn, ve)
+    turn_radps = abs(eskf.rate_n[2])
+    if speed_mps < COURSE_SPEED_MPS or turn_radps > COURSE_TURN_RADPS:
+        return None
+    return math.atan2(ve, vn), course_sigma_rad(speed_mps)
+
+
 def mount(eskf: Eskf, yaw_rad: float, sigma_rad: float) -> None:
     """Take the box to sit turned by an angle about the vehicle's down."""
     eskf.q_vb = multiply(from_euler(0.0, 0.0, yaw_rad), eskf.q_vb)
@@ -128,6 +173,12 @@ def inflate_gyro_bias(eskf: Eskf) -> None:
     """Keep the gyro's bias, but doubt it as at the first start."""
     fresh = start_covariance(is_vehicle=False)
     eskf.set_variances(GYRO_BIAS, fresh.diagonal()[GYRO_BIAS])
+
+
+def inflate_unrested_gyro_bias(eskf: Eskf) -> None:
+    """Doubt the gyro's bias, unless a rest has shown it."""
+    if eskf.sigma(GYRO_BIAS.start) > RESTED_SIGMA_RADPS:
+        inflate_gyro_bias(eskf)
 
 
 def set_delay_covariance(eskf: Eskf, block: Array) -> None:

@@ -34,6 +34,13 @@ LEVELLING_CORRELATION_S: Final = 2.0
 CONVERGED_SIGMA_RAD: Final = math.radians(20.0)
 """So well a filter that is linear about its heading can begin with it."""
 
+CONTRADICTED_RAD: Final = math.radians(35.0)
+"""How far the bank must differ before it is used: delay and tilt make it err by 10
+degrees."""
+
+GUESS_SIGMA_RAD: Final = math.radians(30.0)
+"""A bank less sure than this says nothing."""
+
 FELT_SIGMAS: Final = 3.0
 UNFELT_MPS2: Final = 0.5
 """Accelerations that are no larger than what levelling may be wrong by tell nothing,
@@ -78,11 +85,11 @@ class YawBank:
         self.age_s = math.inf
 
     def rotate_yaw(self, yaw_rad: float) -> None:
-        """Hear that the attitude was turned."""
+        """Follow a turn of the attitude by this angle."""
         self._x[:, 4] -= yaw_rad
 
     def shift_origin(self, north_m: float, east_m: float) -> None:
-        """Hear that the origin of positions went so far."""
+        """Follow a move of the origin of positions."""
         self._x[:, 0] -= north_m
         self._x[:, 1] -= east_m
 
@@ -241,3 +248,11 @@ class YawBank:
         away = np.mod(yaw - mean + math.pi, 2.0 * math.pi) - math.pi
         variance = float(w @ (self._P[:, 4, 4] + away**2))
         return mean, math.sqrt(variance)
+
+    def contradiction(self) -> tuple[float, float] | None:
+        """Return `yaw()` if it differs from zero beyond its sigma and its errors."""
+        yaw_rad, sigma_rad = self.yaw()
+        if sigma_rad >= GUESS_SIGMA_RAD:
+            return None
+        is_beyond = abs(yaw_rad) > CONTRADICTED_RAD + 2.0 * sigma_rad
+        return (yaw_rad, sigma_rad) if is_beyond else None
