@@ -152,11 +152,12 @@ def test_nothing_is_said_before_a_minute_of_driving_or_in_slow_traffic() -> None
         assert not drive.wheels.add_motion((1000 + k) * SECOND_NS, slow, 0.0)
 
 
-def test_no_window_is_due_in_a_tight_bend() -> None:
+@pytest.mark.parametrize(("turn_radps", "is_due"), [(0.2, False), (0.1, True)])
+def test_no_window_is_due_in_a_tight_bend(turn_radps: float, *, is_due: bool) -> None:
     wheels = WheelSpeed()
-    # 10 m/s round 50 m: wheels outside turn by 1.5 % faster.
-    due = [wheels.add_motion(k * SECOND_NS // 8, 10.0, 0.2) for k in range(200)]
-    assert not any(due)
+    # 10 m/s round 50 m: wheels outside turn by 1.5 % faster; round 100 m half of it.
+    due = [wheels.add_motion(k * SECOND_NS // 8, 10.0, turn_radps) for k in range(200)]
+    assert any(due) is is_due
 
 
 def test_a_change_of_speed_within_a_window_does_not_smear_its_line() -> None:
@@ -173,13 +174,14 @@ def test_a_change_of_speed_within_a_window_does_not_smear_its_line() -> None:
     assert sharp[0, 0].mean() > 2.0 * smeared[0, 0].mean()
 
 
-def test_samples_with_a_hole_make_no_window() -> None:
+@pytest.mark.parametrize("hole", [0, 50])
+def test_samples_with_a_hole_make_no_window(hole: int) -> None:
     samples = Samples()
-    for k in range(600):
-        if not 300 <= k < 350:
+    for k in range(620):
+        if not 300 <= k < 300 + hole:
             t_ns = round(k * 1e7)
             samples.add(ImuSample(t_ns, (0.0, 0.0, 9.8), (0.0, 0.0, 0.0), 30.0))
-    assert samples.until(600 * 10_000_000) is None
+    assert (samples.until(600 * 10_000_000) is None) is (hole > 0)
 
 
 def test_memory_does_not_grow_with_the_drive() -> None:
@@ -228,12 +230,14 @@ def test_an_error_that_grows_evenly_is_followed() -> None:
 
 
 def test_the_windows_of_another_filter_do_not_count() -> None:
-    steady, told = driver(94.5), driver(94.5)
-    for each in (steady, told):
-        each.drive(gps_s=90.0, wrong_mps=0.5)
-    told.wheels.reset_evidence()
-    assert steady.wheels._together
-    assert not told.wheels._together
+    drive = driver(94.5)
+    drive.drive(gps_s=90.0, wrong_mps=0.5)
+    wheels = drive.wheels
+    t_ns, speed_mps, _ = wheels._motion[-1]
+    wheels.add_motion(t_ns + SECOND_NS // 8, speed_mps + 0.1, 0.0)
+    assert wheels._together
+    wheels.add_motion(t_ns + SECOND_NS // 4, speed_mps + 2.5, 0.0)
+    assert not wheels._together
 
 
 def test_windows_before_a_break_do_not_count() -> None:
