@@ -2,7 +2,7 @@
 
 Biases and mounting outlast a run, but temperature, time and handling change them: each
 value is kept with its standard deviation, which grows with the downtime. Whether the
-box is still mounted as before is decided by `Alignment`, by the fixes.
+box is still mounted as before is decided by `PriorTrial`, by the fixes.
 """
 
 import math
