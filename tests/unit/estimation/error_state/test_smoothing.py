@@ -296,6 +296,15 @@ def test_between_two_fixes_the_receiver_alone_is_less_sure() -> None:
     assert amid.r95_m > 2.0 * at_end.r95_m
 
 
+def test_before_the_first_fix_it_is_as_unsure_as_after_the_last() -> None:
+    # The model is the same in both directions; only the filter's start breaks that.
+    track = AloneTrack(fixes([(t, 10.0 * t) for t in range(20)]))
+    before, after = track.at(-2_000_000_000), track.at(21_000_000_000)
+    assert before is not None
+    assert after is not None
+    assert before.r95_m == pytest.approx(after.r95_m, rel=0.01)
+
+
 def test_one_wild_fix_is_left_out() -> None:
     track = AloneTrack(fixes([(t, 500.0 if t == 20 else 10.0 * t) for t in range(40)]))
     place = track.at(20_000_000_000)

@@ -111,8 +111,11 @@ class AloneTrack:
         x, P = self._states[max(i - 1, 0)]
         dt_s = (t_ns - fix.t_ns) * 1e-9
         if i == 0:
-            x, P = _predicted(_State(x * [[1.0], [-1.0]], P), -dt_s, fix.accel_psd)
-            x = x * [[1.0], [-1.0]]
+            # Backwards in time the velocity, and its covariances, change their signs.
+            mirror = np.diag([1.0, -1.0])
+            mirrored = _State(mirror @ x, mirror @ P @ mirror)
+            x, P = _predicted(mirrored, -dt_s, fix.accel_psd)
+            x = mirror @ x
         elif i == len(self._fixes):
             x, P = _predicted(_State(x, P), dt_s, fix.accel_psd)
         else:
