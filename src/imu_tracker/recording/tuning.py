@@ -25,6 +25,7 @@ from imu_tracker.estimation.error_state.smoothing.entries import (
     Mark,
 )
 from imu_tracker.estimation.error_state.smoothing.history import History
+from imu_tracker.estimation.error_state.states import RECEIVER, VELOCITY_DELAY
 from imu_tracker.estimation.error_state.warm_start import LearnedParameters
 from imu_tracker.estimation.settings import TrackerSettings
 from imu_tracker.geometry.rotation import matrix
@@ -52,7 +53,6 @@ their errors, and the filter adapts to a wrong lever arm, so that values scatter
 than their covariance says; five simulated drives are all that it was looked at with."""
 
 _POSITION, _VELOCITY = "position", "velocity"
-_LASTING, _VELOCITY_DELAY = 17, 20  # columns that only these measurements have
 
 
 class Estimate(NamedTuple):
@@ -161,9 +161,9 @@ def _kind(entry: Correction) -> str:
     """Return which part of a fix it is; empty: no fix."""
     if entry.H.shape[0] != 2:
         return ""
-    if entry.H[0, _LASTING] == 1.0:
+    if entry.H[0, RECEIVER.start] == 1.0:
         return _POSITION
-    return _VELOCITY if entry.H[:, _VELOCITY_DELAY].any() else ""
+    return _VELOCITY if entry.H[:, VELOCITY_DELAY].any() else ""
 
 
 def lever_arm(

@@ -49,6 +49,9 @@ MAX_SURE_EPOCHS: Final = 1280
 """A step is only taken when so many epochs agree, and each step doubles the number for
 the next one: a date that moves back and forth is doubted, not followed."""
 
+STEADY_EPOCHS: Final = 86_400
+"""After a day of them at 1 Hz the receiver is believed as at the start."""
+
 LEAPS_NS: Final = 20_000_000_000
 """Between GPS time and UTC lie 18 s. Rows that are dated wrong by more than that are
 right of their place, and wrong of the time."""
@@ -130,6 +133,8 @@ class UtcClock:
             self._candidates.clear()
             self._add_offset(offset)
             self._n_agreeing += 1
+            if self._n_agreeing == STEADY_EPOCHS:
+                self._n_sure = SURE_EPOCHS
         else:
             # From the future no buffer delivers.
             self.is_uncertain = is_leap or offset > self._offset_ns

@@ -9,6 +9,7 @@ from imu_tracker.estimation.receiver.utc import (
     SETTLE_NS,
     SLEW,
     STALE_NS,
+    STEADY_EPOCHS,
     SURE_EPOCHS,
     UtcClock,
 )
@@ -235,6 +236,22 @@ def test_a_date_that_moves_back_and_forth_is_followed_less_and_less() -> None:
         steps += [k] if clock.slew(250 * MS) else []
     assert len(steps) == 1
     assert "back and forth" in clock.follows(86_400.0)
+
+
+def test_after_a_steady_day_a_receiver_is_believed_as_at_the_start() -> None:
+    clock, second = settled(), 10
+
+    def stay(epochs: int, utc_off_s: float) -> None:
+        nonlocal second
+        for _ in range(epochs):
+            epoch(clock, second * SECOND, utc_off_s=utc_off_s)
+            clock.slew(250 * MS)
+            second += 1
+
+    stay(50, 3600.0)
+    assert f"once {2 * SURE_EPOCHS} fixes" in clock.follows(3600.0)
+    stay(STEADY_EPOCHS, 3600.0)
+    assert f"once {SURE_EPOCHS} fixes" in clock.follows(3600.0)
 
 
 def test_a_date_that_came_to_stay_is_followed_whatever_it_did_before() -> None:

@@ -11,6 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from imu_tracker.estimation.error_state.smoothing.entries import (
+    SEEN_DELAY,
+    SEEN_RECEIVER,
     Entry,
     Loss,
     Mark,
@@ -106,14 +108,16 @@ def _point(mark: Mark, errors: Array, cov: Array, lever_arm_m: Vec3) -> Point:
     H = np.zeros((2, len(e)))
     H[0, 0] = H[1, 1] = 1.0
     if scene.is_aligned:
-        H[0, 11], H[1, 11] = vn, ve
-    delay_s = scene.shift_s + mark.delay_s + (e[11] if scene.is_aligned else 0.0)
+        H[:, SEEN_DELAY] = vn, ve
+    delay_s = (
+        scene.shift_s + mark.delay_s + (e[SEEN_DELAY] if scene.is_aligned else 0.0)
+    )
     alt_m = None if scene.alt_origin_m is None else scene.alt_origin_m - down
     return Point(
         mark.t_ns - round(delay_s * 1e9),
         mark.t_ns,
         *(lat, lon, alt_m, (vn, ve, vd), q_nb),
-        r95_of(H @ cov @ H.T + LONGER_SHARE * cov[9:11, 9:11]),
+        r95_of(H @ cov @ H.T + LONGER_SHARE * cov[SEEN_RECEIVER, SEEN_RECEIVER]),
         scene.outage_s,
         is_imu_right=True,
     )

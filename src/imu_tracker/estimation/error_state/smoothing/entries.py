@@ -19,12 +19,22 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from imu_tracker.estimation.error_state.states import N_ERRORS, Array, Scene, transition
+from imu_tracker.estimation.error_state.states import (
+    DELAY,
+    N_ERRORS,
+    RECEIVER,
+    Array,
+    Scene,
+    transition,
+)
 from imu_tracker.samples import Quat, Vec3
 
-SEEN: Final = (*range(9), 17, 18, 19)
+SEEN: Final = (*range(9), *range(RECEIVER.start, RECEIVER.stop), DELAY)
 """Errors that rows are made of: position, velocity, attitude, the receiver's lasting
 error, the delay of its positions."""
+SEEN_RECEIVER: Final = slice(9, 11)
+SEEN_DELAY: Final = 11
+"""Where these stand among them; position, velocity and attitude keep their places."""
 
 
 class Adjoint(NamedTuple):
